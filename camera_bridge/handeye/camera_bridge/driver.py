@@ -1,0 +1,108 @@
+"""What the camera bridge asks of cameras and of the pan/tilt head, simulated, remote or real."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]
+"""Colour picture, shape (rows, columns, 3), red green blue."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture: the pixels, the world time in s that they show, and a running number."""
+
+    image: Image
+    world_time: float
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class HeadState:
+    """Where the head points: pan (positive to its left) and tilt (positive up) in rad."""
+
+    pan: float
+    tilt: float
+    moving: bool
+    world_time: float
+
+
+@dataclass(frozen=True, slots=True)
+class StereoPair:
+    """Left and right picture, right minus left world time in s, and the head when the left was taken."""
+
+    left: Frame
+    right: Frame
+    skew: float
+    head: HeadState
+
+
+@dataclass(frozen=True, slots=True)
+class CameraDescription:
+    """Image size in pixels, head range in rad, step in rad, speed in rad/s, latency in s of world time."""
+
+    width: int
+    height: int
+    pan_range: tuple[float, float]
+    tilt_range: tuple[float, float]
+    step: float
+    speed: float
+    latency: float
+
+
+class CameraDriver(Protocol):
+    """Both cameras of the rig, and the observer's."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Image size as (rows, columns)."""
+        ...
+
+    @property
+    def latency(self) -> float:
+        """A frame can be had this long after what it shows, in s of world time."""
+        ...
+
+    def grab_stereo(self, not_older_than: float, timeout: float) -> StereoPair:
+        """A pair of which neither picture shows a time before `not_older_than` (world time in s).
+
+        `DeadlineExceeded` when there is none within `timeout` s of the caller's time; the message says which world
+        time is the newest to be had.
+        """
+        ...
+
+    def grab_observer(self, not_older_than: float, timeout: float) -> Frame:
+        """A picture from the observer's camera, for people."""
+        ...
+
+    def close(self) -> None:
+        """Releases the cameras."""
+        ...
+
+
+class HeadDriver(Protocol):
+    """The pan/tilt unit."""
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """((pan lowest, pan highest), (tilt lowest, tilt highest)) in rad."""
+        ...
+
+    def state(self) -> HeadState:
+        """Where the head points now."""
+        ...
+
+    def move(self, pan: float, tilt: float, lease_id: str, timeout: float) -> HeadState:
+        """Turns to (pan, tilt) in rad, rounded to the unit's steps; returns when it stands still.
+
+        `OutOfLimits` outside the range. In lockstep world time passes under the caller's `lease_id`.
+        """
+        ...
+
+    def close(self) -> None:
+        """Releases the head."""
+        ...
