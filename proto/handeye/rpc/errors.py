@@ -1,7 +1,5 @@
 """The errors of a call, the same classes on both sides of the bus and in the drivers."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from handeye.proto.v1 import rpc_pb2
@@ -78,21 +76,7 @@ class Internal(RpcError):
     code = rpc_pb2.ERROR_CODE_INTERNAL
 
 
-_BY_CODE: dict[int, type[RpcError]] = {
-    cls.code: cls
-    for cls in (
-        Unavailable,
-        DeadlineExceeded,
-        InvalidArgument,
-        OutOfLimits,
-        Unreachable,
-        Busy,
-        Stopped,
-        Unauthorised,
-        Cancelled,
-        Internal,
-    )
-}
+_BY_CODE: dict[int, type[RpcError]] = {cls.code: cls for cls in RpcError.__subclasses__()}
 
 
 def from_status(status: rpc_pb2.Status) -> RpcError:

@@ -18,6 +18,8 @@ DESCRIPTOR: _descriptor.FileDescriptor
 
 @_typing.final
 class DescribeCameraRequest(_message.Message):
+    """Asks what cameras and head are."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     def __init__(
@@ -33,6 +35,8 @@ Global___DescribeCameraRequest: _TypeAlias = DescribeCameraRequest  # noqa: Y015
 
 @_typing.final
 class CameraDescription(_message.Message):
+    """What cameras and head are; does not change while their bridge runs."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     WIDTH_FIELD_NUMBER: _builtins.int
@@ -85,6 +89,8 @@ Global___CameraDescription: _TypeAlias = CameraDescription  # noqa: Y015
 
 @_typing.final
 class HeadState(_message.Message):
+    """Where the head points."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     PAN_FIELD_NUMBER: _builtins.int
@@ -159,6 +165,8 @@ Global___Frame: _TypeAlias = Frame  # noqa: Y015
 
 @_typing.final
 class StereoPair(_message.Message):
+    """Two pictures that belong together."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEFT_FIELD_NUMBER: _builtins.int
@@ -197,6 +205,8 @@ Global___StereoPair: _TypeAlias = StereoPair  # noqa: Y015
 
 @_typing.final
 class GrabStereoRequest(_message.Message):
+    """Asks for a stereo pair."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     NOT_OLDER_THAN_FIELD_NUMBER: _builtins.int
@@ -217,6 +227,8 @@ Global___GrabStereoRequest: _TypeAlias = GrabStereoRequest  # noqa: Y015
 
 @_typing.final
 class GrabObserverRequest(_message.Message):
+    """Asks for the observer's view."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     NOT_OLDER_THAN_FIELD_NUMBER: _builtins.int
@@ -237,6 +249,8 @@ Global___GrabObserverRequest: _TypeAlias = GrabObserverRequest  # noqa: Y015
 
 @_typing.final
 class GetHeadRequest(_message.Message):
+    """Asks where the head points."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     def __init__(
@@ -252,6 +266,8 @@ Global___GetHeadRequest: _TypeAlias = GetHeadRequest  # noqa: Y015
 
 @_typing.final
 class MoveHeadRequest(_message.Message):
+    """Asks for the head to be turned."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int

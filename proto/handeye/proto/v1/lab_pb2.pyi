@@ -98,6 +98,8 @@ Global___ObjectSpec: _TypeAlias = ObjectSpec  # noqa: Y015
 
 @_typing.final
 class Scene(_message.Message):
+    """What stands in the world, and the conditions it was made under."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     VERSION_FIELD_NUMBER: _builtins.int
@@ -136,6 +138,8 @@ Global___Scene: _TypeAlias = Scene  # noqa: Y015
 
 @_typing.final
 class ObjectPose(_message.Message):
+    """Where an object is, and what touches it."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     NAME_FIELD_NUMBER: _builtins.int
@@ -170,6 +174,8 @@ Global___ObjectPose: _TypeAlias = ObjectPose  # noqa: Y015
 
 @_typing.final
 class WorldState(_message.Message):
+    """The truth about the world at one time."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     WORLD_TIME_FIELD_NUMBER: _builtins.int
@@ -218,6 +224,8 @@ Global___WorldState: _TypeAlias = WorldState  # noqa: Y015
 
 @_typing.final
 class DescribeSceneRequest(_message.Message):
+    """Asks for the scene."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     def __init__(
@@ -233,6 +241,8 @@ Global___DescribeSceneRequest: _TypeAlias = DescribeSceneRequest  # noqa: Y015
 
 @_typing.final
 class GetWorldRequest(_message.Message):
+    """Asks for the truth at one time."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     WORLD_TIME_FIELD_NUMBER: _builtins.int
@@ -253,6 +263,8 @@ Global___GetWorldRequest: _TypeAlias = GetWorldRequest  # noqa: Y015
 
 @_typing.final
 class GetHistoryRequest(_message.Message):
+    """Asks for the truth over a span of time."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     START_FIELD_NUMBER: _builtins.int
@@ -281,6 +293,8 @@ Global___GetHistoryRequest: _TypeAlias = GetHistoryRequest  # noqa: Y015
 
 @_typing.final
 class WorldHistory(_message.Message):
+    """The truth over a span of time."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     STATES_FIELD_NUMBER: _builtins.int
@@ -303,6 +317,8 @@ Global___WorldHistory: _TypeAlias = WorldHistory  # noqa: Y015
 
 @_typing.final
 class ResetWorldRequest(_message.Message):
+    """Asks for the world to be made anew."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     SEED_FIELD_NUMBER: _builtins.int
@@ -323,6 +339,8 @@ Global___ResetWorldRequest: _TypeAlias = ResetWorldRequest  # noqa: Y015
 
 @_typing.final
 class PlaceObjectRequest(_message.Message):
+    """Asks for an object to be put on the table."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     OBJECT_FIELD_NUMBER: _builtins.int
@@ -355,6 +373,8 @@ Global___PlaceObjectRequest: _TypeAlias = PlaceObjectRequest  # noqa: Y015
 
 @_typing.final
 class RemoveObjectRequest(_message.Message):
+    """Asks for an object to be taken away."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     NAME_FIELD_NUMBER: _builtins.int

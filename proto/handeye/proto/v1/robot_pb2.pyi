@@ -45,6 +45,8 @@ Global___Clock: _TypeAlias = Clock  # noqa: Y015
 
 @_typing.final
 class DescribeRobotRequest(_message.Message):
+    """Asks what the robot is."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     def __init__(
@@ -60,6 +62,8 @@ Global___DescribeRobotRequest: _TypeAlias = DescribeRobotRequest  # noqa: Y015
 
 @_typing.final
 class RobotDescription(_message.Message):
+    """What the robot is; does not change while its bridge runs."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     JOINT_NAMES_FIELD_NUMBER: _builtins.int
@@ -120,6 +124,8 @@ Global___RobotDescription: _TypeAlias = RobotDescription  # noqa: Y015
 
 @_typing.final
 class GetStateRequest(_message.Message):
+    """Asks for the newest state."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     def __init__(
@@ -135,6 +141,8 @@ Global___GetStateRequest: _TypeAlias = GetStateRequest  # noqa: Y015
 
 @_typing.final
 class RobotState(_message.Message):
+    """What the robot's own sensors say, and what the bridge knows of its control."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     WORLD_TIME_FIELD_NUMBER: _builtins.int
@@ -241,6 +249,8 @@ Global___Pace: _TypeAlias = Pace  # noqa: Y015
 
 @_typing.final
 class AcquireLeaseRequest(_message.Message):
+    """Asks for the control lease."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     HOLDER_FIELD_NUMBER: _builtins.int
@@ -261,6 +271,8 @@ Global___AcquireLeaseRequest: _TypeAlias = AcquireLeaseRequest  # noqa: Y015
 
 @_typing.final
 class Lease(_message.Message):
+    """The control lease, given to one holder at a time."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int
@@ -289,6 +301,8 @@ Global___Lease: _TypeAlias = Lease  # noqa: Y015
 
 @_typing.final
 class ReleaseLeaseRequest(_message.Message):
+    """Gives the control lease back."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int
@@ -331,6 +345,8 @@ Global___Heartbeat: _TypeAlias = Heartbeat  # noqa: Y015
 
 @_typing.final
 class ParkRequest(_message.Message):
+    """Asks for a move to the park position."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int
@@ -357,6 +373,8 @@ Global___ParkRequest: _TypeAlias = ParkRequest  # noqa: Y015
 
 @_typing.final
 class GripperRequest(_message.Message):
+    """Asks for the gripper to be opened or closed."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int
@@ -377,6 +395,8 @@ Global___GripperRequest: _TypeAlias = GripperRequest  # noqa: Y015
 
 @_typing.final
 class MoveToPointRequest(_message.Message):
+    """Asks for a move of the tool centre point."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int
@@ -409,6 +429,8 @@ Global___MoveToPointRequest: _TypeAlias = MoveToPointRequest  # noqa: Y015
 
 @_typing.final
 class MoveToJointsRequest(_message.Message):
+    """Asks for a move to joint positions."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int
@@ -441,6 +463,8 @@ Global___MoveToJointsRequest: _TypeAlias = MoveToJointsRequest  # noqa: Y015
 
 @_typing.final
 class AdjustJointsRequest(_message.Message):
+    """Asks for a change of the joint positions."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int
@@ -473,6 +497,8 @@ Global___AdjustJointsRequest: _TypeAlias = AdjustJointsRequest  # noqa: Y015
 
 @_typing.final
 class AdvanceRequest(_message.Message):
+    """Asks for world time to pass."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     LEASE_ID_FIELD_NUMBER: _builtins.int
@@ -497,6 +523,8 @@ Global___AdvanceRequest: _TypeAlias = AdvanceRequest  # noqa: Y015
 
 @_typing.final
 class StopRequest(_message.Message):
+    """Asks for the software stop."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     REASON_FIELD_NUMBER: _builtins.int
@@ -517,6 +545,8 @@ Global___StopRequest: _TypeAlias = StopRequest  # noqa: Y015
 
 @_typing.final
 class ResetRequest(_message.Message):
+    """Asks for the software stop to be cleared."""
+
     DESCRIPTOR: _descriptor.Descriptor
 
     def __init__(

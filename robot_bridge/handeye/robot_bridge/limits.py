@@ -1,0 +1,56 @@
+"""What is wrong with a command, said before anything moves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye.robot_bridge.driver import Joints, Pace, RobotDescription
+from handeye.rpc.errors import InvalidArgument, OutOfLimits
+
+DEFAULT_PACE = Pace()
+"""Half of the limits."""
+READING_ERROR = 1e-3
+"""A joint that stands at its limit may read beyond it by so much, in rad, for its encoder has steps."""
+MAX_ADVANCE = 60.0
+"""Longest world time in s that one `advance` may let pass."""
+
+
+def check_vector(name: str, values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """`values` as a float64 array of shape (size,); `InvalidArgument` when it is none or not finite."""
+    try:
+        vector = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"{name} must be {size} numbers, got {values!r}", detail=name) from error
+    if vector.shape != (size,):
+        raise InvalidArgument(f"{name} must have shape ({size},), got {vector.shape}", detail=name)
+    if not np.isfinite(vector).all():
+        raise InvalidArgument(f"{name} must be finite, got {vector.tolist()}", detail=name)
+    return vector
+
+
+def check_joints(description: RobotDescription, target: Joints, tolerance: float = 0.0) -> None:
+    """`OutOfLimits` when a joint's target lies outside its limits (all in rad); the message names every such joint."""
+    outside = np.flatnonzero((target < description.lower - tolerance) | (target > description.upper + tolerance))
+    if outside.size:
+        wrong = "; ".join(
+            f"{description.joint_names[i]} would be {target[i]:.4f} rad, "
+            f"its limits are [{description.lower[i]:.4f}, {description.upper[i]:.4f}]"
+            for i in outside
+        )
+        raise OutOfLimits(f"joint limits: {wrong}", detail=description.joint_names[outside[0]])
+
+
+def check_pace(pace: Pace) -> None:
+    """`InvalidArgument` unless both shares lie in (0, 1]."""
+    for name, share in (("speed", pace.speed), ("acceleration", pace.acceleration)):
+        if not 0.0 < share <= 1.0:
+            raise InvalidArgument(f"pace.{name} must be a share in (0, 1], got {share}", detail=name)
+
+
+def check_duration(duration: float) -> None:
+    """`InvalidArgument` unless `duration` (s) lies in [0, 60]."""
+    if not (math.isfinite(duration) and 0.0 <= duration <= MAX_ADVANCE):
+        raise InvalidArgument(f"duration must lie in [0, {MAX_ADVANCE:g}] s, got {duration}", detail="duration")

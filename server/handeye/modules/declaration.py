@@ -1,0 +1,78 @@
+"""What a module is, declared: its input and output components and how it answers. No module needs code of its own.
+
+Core processes (`handeye.rpt`) know only how many numbers go in and out; a declaration says what they mean (3.1.3).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Name = Annotated[str, Field(min_length=1)]
+
+
+class Declared(BaseModel):
+    """Base of the declarations: immutable, and an unknown key is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Component(Declared):
+    """One input component."""
+
+    name: Name
+    unit: str
+    """For people: "px", "rad", "m", or "" for a category."""
+    scale: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+    """Differences of this size, in the unit, count alike across components: inputs are divided by it before any
+    distance is taken. Without meaning for a category."""
+    categorical: bool = False
+    """A category: samples with another value are never neighbours."""
+
+
+class Output(Declared):
+    """One output component."""
+
+    name: Name
+    unit: str
+
+
+class ApproximatorSettings(Declared):
+    """How an answer is made from the samples near the query (`handeye.rpt.approximate`)."""
+
+    method: Literal["local_quadratic", "local_linear", "kndb", "kndb2", "nearest"] = "local_linear"
+    neighbours: int | None = Field(default=30, ge=1)
+    """How many samples are retrieved; all of the query's category when None or when it has fewer."""
+    alpha: float = Field(default=3.0, ge=1, allow_inf_nan=False)
+    """How fast the weights of KNDB and KNDB2 fall (3.3)."""
+    smoothing: float = Field(default=0.1, gt=0, allow_inf_nan=False)
+    """Of the distance weights of the local fits, as a share of the farthest neighbour's distance."""
+    ridge: float = Field(default=1e-4, ge=1e-12, allow_inf_nan=False)
+    """How strongly slopes are held small, as a share of the inputs' variance; for the local fits and KNDB2's
+    gradients."""
+    curvature_ridge: float = Field(default=1e-2, ge=1e-12, allow_inf_nan=False)
+    """The same for the second-order terms of `local_quadratic`."""
+    search: Literal["exact", "beam"] = "exact"
+    """`beam` is the thesis's search; it may miss the nearest samples (Fig 3.36)."""
+    keep_covered: bool = True
+    """Whether samples that became no node of the tree stay in their leaf."""
+
+
+class ModuleDeclaration(Declared):
+    """A module: R^N to R^M, learned from examples."""
+
+    name: Name
+    inputs: tuple[Component, ...]
+    outputs: tuple[Output, ...] = Field(min_length=1)
+    approximator: ApproximatorSettings = ApproximatorSettings()
+
+    @model_validator(mode="after")
+    def _check_components(self) -> ModuleDeclaration:
+        if all(component.categorical for component in self.inputs):
+            raise ValueError(f"module '{self.name}' needs an input component that is not a category")
+        for kind, components in (("input", self.inputs), ("output", self.outputs)):
+            names = [component.name for component in components]
+            if doubled := sorted({name for name in names if names.count(name) > 1}):
+                raise ValueError(f"{kind} components of module '{self.name}' share a name: {', '.join(doubled)}")
+        return self

@@ -1,0 +1,89 @@
+"""Finding the hand by its ArUco marker, to about a hundredth of a pixel.
+
+Detection only says which square it is; the reference point comes from aligning the whole printed pattern with the
+picture. Four refined corners have several times its noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye.modules.alignment import HOMOGRAPHY, FloatArray, Pattern, align
+
+_MODULE = 12  # samples of the pattern along one module
+_MARGIN = 0.5  # modules of the white margin that take part
+_MIN_CORRELATION = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerSighting:
+    """Centre (row, column) in px, outline (4, 2) as (row, column) in px, correlation of pattern and picture.
+
+    The outline goes round the part of the white margin that was compared, half a module wide.
+    """
+
+    row: float
+    column: float
+    outline: FloatArray
+    correlation: float
+
+
+class Marker:
+    """One ArUco marker of a dictionary, looked for in colour pictures."""
+
+    def __init__(self, marker_id: int = 7, dictionary: int = cv2.aruco.DICT_4X4_50) -> None:
+        """`marker_id` of one of OpenCV's predefined dictionaries; ValueError when the dictionary has no such marker."""
+        printed = cv2.aruco.getPredefinedDictionary(dictionary)
+        if not 0 <= marker_id < len(printed.bytesList):
+            raise ValueError(f"marker {marker_id} is not in the dictionary: it has 0 to {len(printed.bytesList) - 1}")
+        self.marker_id = marker_id
+        parameters = cv2.aruco.DetectorParameters()
+        # The marker is 25-40 px wide: modules of 4-6 px, so small squares have to pass and cells be read nearly whole.
+        parameters.minMarkerPerimeterRate = 0.02
+        parameters.adaptiveThreshWinSizeMin = 5
+        parameters.adaptiveThreshWinSizeMax = 29
+        parameters.adaptiveThreshWinSizeStep = 12
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+        self._detector = cv2.aruco.ArucoDetector(printed, parameters)
+        modules = printed.markerSize + 2
+        side = round((modules + 2 * _MARGIN) * _MODULE)
+        self._half = modules / (modules + 2 * _MARGIN)  # the black square's half side in pattern units
+        square = cv2.aruco.generateImageMarker(printed, marker_id, modules * _MODULE)
+        border = (side - square.shape[0]) // 2
+        self._pattern = Pattern.of(
+            cv2.copyMakeBorder(square, border, border, border, border, cv2.BORDER_CONSTANT, value=255).astype(
+                np.float32
+            )
+        )
+
+    def locate(self, image: NDArray[np.uint8]) -> MarkerSighting | None:
+        """The marker in `image` (rows, columns, 3); None when it is not seen whole."""
+        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+        corners = self._detect(grey)
+        if corners is None:
+            return None
+        h = self._half
+        square = np.array([[-h, -h], [h, -h], [h, h], [-h, h]], np.float32)
+        start = cv2.getPerspectiveTransform(square, corners)
+        found = align(
+            grey.astype(np.float32), self._pattern, np.asarray(start, dtype=np.float64), HOMOGRAPHY, subsamples=3
+        )
+        if found is None or found.correlation < _MIN_CORRELATION:
+            return None
+        row, column = found.centre
+        return MarkerSighting(row, column, found.outline(), found.correlation)
+
+    def _detect(self, grey: NDArray[np.uint8]) -> NDArray[np.float32] | None:
+        """Corners (4, 2) as (x, y), clockwise from the pattern's top left; a second try on the doubled picture."""
+        for scale in (1, 2):
+            picture = grey if scale == 1 else cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+            corners, ids, _ = self._detector.detectMarkers(picture)
+            for quad, found in zip(corners, () if ids is None else ids.ravel(), strict=False):
+                if found == self.marker_id:
+                    # Index of a doubled picture's pixel to that of the picture: centres, not corners, count.
+                    return np.asarray((quad[0] + 0.5) / scale - 0.5, dtype=np.float32)
+        return None

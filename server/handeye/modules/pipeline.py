@@ -1,0 +1,95 @@
+"""The way of the data, one short function for each arrow. The page to read first.
+
+    pictures --RSS--> I --ASM--> I' --IJS--> delta theta --> robot
+
+* Pictures: left and right, (height, width, 3) uint8.
+* I (`ImagePair`): where object and hand are in the stereo image, two points (row, column, disparity) in px.
+* I' (`ImageVector`): the action, as the way from hand to object in the stereo image, in px.
+* delta theta (`JointDifference`): how far each joint is to turn, in rad.
+
+RSS, recognition and segmentation, finds things. ASM, action specification, says what is to be done about them; the
+subtask goes with it. IJS, image to joints, is the learned module that the thesis used in its real experiments (4.2.5).
+Nothing on this way knows where the cameras or the arm stand: what it needs of that is in the taught samples.
+
+IJS is a short cut. The long way of the thesis (3.1) is not here yet: CSS, from I' to a point C in the camera's frame;
+CAS, from C and the head's pan and tilt to a point A in the arm's frame; AJS, from A and the joints to delta theta; and
+beside it SCS, from I to the turn of the head that centres the object. Until then the head must stand as it stood while
+teaching.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye.modules.ijs import input_vector
+from handeye.modules.module import Answer, Module
+from handeye.modules.spaces import ImagePair, ImageVector, JointAngles, JointDifference
+
+Picture = NDArray[np.uint8]
+
+
+class Sees(Protocol):
+    """RSS: what finds an object by its name, and the hand, in two pictures.
+
+    `handeye.modules.recognition.Recogniser` does; it raises `NotSeen` when one of them is not to be found.
+    """
+
+    def see(self, left: Picture, right: Picture, name: str, /) -> ImagePair:
+        """Where object and hand are."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One look, with every station on its way; `answer` says where the difference comes from and its support."""
+
+    found: ImagePair
+    action: ImageVector
+    turn: JointDifference
+    answer: Answer
+
+
+def recognise(recogniser: Sees, left: Picture, right: Picture, object_name: str) -> ImagePair:
+    """RSS: two pictures -> I."""
+    return recogniser.see(left, right, object_name)
+
+
+def specify_action(found: ImagePair) -> ImageVector:
+    """ASM: I -> I', the vector from hand to object (Fig 3.2)."""
+    return ImageVector(
+        rows=found.object.row - found.hand.row,
+        columns=found.object.column - found.hand.column,
+        disparity=found.object.disparity - found.hand.disparity,
+    )
+
+
+def image_to_joints(
+    ijs: Module, subtask: int, action: ImageVector, joints: JointAngles
+) -> tuple[JointDifference, Answer]:
+    """IJS: the subtask's number, I' and the joints -> delta theta, and the answer it was taken from.
+
+    Raises `NotTaught` when the subtask was never shown.
+    """
+    answer = ijs.answer(input_vector(subtask, action, joints))
+    return JointDifference(answer.output), answer
+
+
+def look_and_answer(
+    recogniser: Sees,
+    ijs: Module,
+    left: Picture,
+    right: Picture,
+    *,
+    object_name: str,
+    subtask: int,
+    joints: JointAngles,
+) -> Look:
+    """The whole way: pictures -> RSS -> I -> ASM -> I' -> IJS -> delta theta."""
+    found = recognise(recogniser, left, right, object_name)
+    action = specify_action(found)
+    turn, answer = image_to_joints(ijs, subtask, action, joints)
+    return Look(found, action, turn, answer)

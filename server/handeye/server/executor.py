@@ -1,0 +1,202 @@
+"""The acting loop: look, answer, move, look again, until aligned; then the subtask's gripper action.
+
+Thesis 4.2: the subtasks and their gripper actions come from the demonstrations, every motion from module IJS. The
+thesis answers once per subtask (`one_look`); looking again and again closes the loop it left open (4.3, 5.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+import structlog
+
+from handeye.modules.module import Answer
+from handeye.modules.recognition import NotSeen
+from handeye.modules.spaces import ImagePair
+from handeye.robot_bridge.driver import Joints, RobotState
+from handeye.rpc.errors import OutOfLimits, RpcError
+from handeye.server.acting import ActingRobot, ActingSettings
+from handeye.server.demonstrations import Subtask
+from handeye.server.eyes import Eyes, Sighting
+from handeye.server.jobs import Job
+from handeye.server.pictures import side_by_side
+from handeye.server.problem import Conflict
+from handeye.server.results import LookRecord, NeighbourRecord, RunResult, SubtaskRecord
+
+log = structlog.get_logger(__name__)
+
+_NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sample of the subtask
+
+
+class OutsideTaughtRegion(Conflict):
+    """The query lies where nothing was taught: the task holds instead of guessing."""
+
+    code = "outside_taught_region"
+
+
+class Skill(Protocol):
+    """A trained task: its subtasks in order, and the answers of module IJS."""
+
+    @property
+    def subtasks(self) -> Sequence[Subtask]:
+        """In the order in which they are done."""
+        ...
+
+    def answer(self, subtask: str, found: ImagePair, joints: Joints) -> Answer:
+        """The joint differences towards the subtask's goal, with where they come from."""
+        ...
+
+
+class Run:
+    """One execution of a trained task. `execute` may be called once."""
+
+    def __init__(
+        self,
+        skill: Skill,
+        object_name: str,
+        robot: ActingRobot,
+        eyes: Eyes,
+        settings: ActingSettings,
+        job: Job,
+        keep_picture: Callable[[bytes], int],
+        *,
+        one_look: bool,
+    ) -> None:
+        self._skill = skill
+        self._object = object_name
+        self._robot = robot
+        self._eyes = eyes
+        self._settings = settings
+        self._job = job
+        self._keep_picture = keep_picture
+        self._max_looks = 1 if one_look else settings.max_looks
+        self._subtasks: list[SubtaskRecord] = []
+
+    def execute(self) -> None:
+        """Does the task. On any error the arm is stopped, the subtask is marked as failed, the error goes on."""
+        try:
+            last = self._skill.subtasks[-1]
+            for subtask in self._skill.subtasks:
+                final = subtask is last
+                self._do(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
+            self._robot.wait(self._settings.hold)
+        except Exception as error:
+            self._stop(str(error))
+            if self._subtasks and self._subtasks[-1].state == "running":
+                self._update("subtask", state="failed")
+            raise
+
+    def _do(self, subtask: Subtask, tolerance: float) -> None:
+        self._subtasks.append(SubtaskRecord(name=subtask.name, state="running", started=self._robot.state().world_time))
+        self._publish("subtask")
+        aligned = self._align(subtask.name, tolerance)
+        if subtask.action == "close_gripper":
+            self._robot.close_gripper()
+        elif subtask.action == "open_gripper":
+            self._robot.open_gripper()
+        ended = self._robot.state().world_time
+        self._update("subtask", state="succeeded", ended=ended, aligned=aligned, action=subtask.action)
+
+    def _align(self, subtask: str, tolerance: float) -> bool:
+        """Looks and moves until the answer is within `tolerance` (rad); False when the looks ran out first."""
+        for _ in range(self._max_looks):
+            self._job.check()
+            state, sighting, found, picture = self._look()
+            answer = self._skill.answer(subtask, found, state.joints)
+            if refusal := self._refusal(subtask, answer):
+                self._record(picture, sighting, found, answer, ())
+                raise refusal
+            if self._robot.lockstep:
+                self._robot.wait(self._settings.thinking)
+            aligned = bool(np.max(np.abs(answer.output)) <= tolerance)
+            moved = () if aligned else self._move(state, answer.output)
+            self._record(picture, sighting, found, answer, moved)
+            if aligned:
+                return True
+        return False
+
+    def _look(self) -> tuple[RobotState, Sighting, ImagePair, int]:
+        """The state at rest, and a pair that shows it; raises `NotSeen` when object or hand is not found."""
+        state = self._robot.at_rest()
+        still_since = state.still_since
+        ready = still_since + self._eyes.latency + self._settings.settle
+        if self._robot.lockstep and state.world_time < ready:
+            # In lockstep nobody else lets the time pass that the cameras need.
+            state = self._robot.wait(ready - state.world_time)
+        sighting = self._eyes.look(self._object, still_since)
+        pair = sighting.pair
+        picture = self._keep_picture(side_by_side(pair.left.image, pair.right.image, sighting.found))
+        if isinstance(sighting.found, NotSeen):
+            self._job.publish(
+                "not_seen", {"message": str(sighting.found), "picture": self._path(picture)}, self._result()
+            )
+            raise sighting.found
+        return state, sighting, sighting.found, picture
+
+    def _refusal(self, subtask: str, answer: Answer) -> Exception | None:
+        """Why the robot must not be moved by this answer; None when it may be."""
+        if answer.support < self._settings.least_support:
+            nearest = min(answer.neighbours, key=lambda neighbour: neighbour.distance)
+            return OutsideTaughtRegion(
+                f"Subtask '{subtask}' is outside the taught region (support {answer.support:.2f}, at least "
+                f"{self._settings.least_support:.2f} is asked for). The nearest demonstration is "
+                f"'{nearest.demonstration}'; show one there."
+            )
+        joint = int(np.argmax(np.abs(answer.output)))
+        largest = float(abs(answer.output[joint]))
+        if not largest <= self._settings.largest_move:  # also true of nan
+            return OutOfLimits(
+                f"The answer of subtask '{subtask}' would turn joint {joint + 1} by {largest:.2f} rad; one answer may "
+                f"turn a joint by {self._settings.largest_move:.2f} rad at most."
+            )
+        return None
+
+    def _move(self, before: RobotState, delta: Joints) -> tuple[float, ...]:
+        after = self._robot.adjust_joints(delta)
+        return tuple(float(value) for value in after.joints - before.joints)
+
+    def _record(
+        self, number: int, sighting: Sighting, found: ImagePair, answer: Answer, moved: tuple[float, ...]
+    ) -> None:
+        look = LookRecord(
+            number=number,
+            world_time=sighting.world_time,
+            object=(found.object.row, found.object.column, found.object.disparity),
+            hand=(found.hand.row, found.hand.column, found.hand.disparity),
+            delta=tuple(float(value) for value in answer.output),
+            support=answer.support,
+            neighbours=tuple(
+                NeighbourRecord(demonstration=n.demonstration, distance=n.distance, weight=n.weight)
+                for n in answer.neighbours[:_NEIGHBOURS_RECORDED]
+            ),
+            moved=moved,
+            picture=self._path(number),
+        )
+        self._subtasks[-1] = self._subtasks[-1].model_copy(update={"looks": (*self._subtasks[-1].looks, look)})
+        self._job.publish("look", {"subtask": self._subtasks[-1].name, **look.model_dump(mode="json")}, self._result())
+
+    def _path(self, number: int) -> str:
+        return f"/v1/jobs/{self._job.id}/looks/{number}.jpg"
+
+    def _update(self, kind: str, **changes: object) -> None:
+        self._subtasks[-1] = self._subtasks[-1].model_copy(update=changes)
+        self._publish(kind)
+
+    def _publish(self, kind: str) -> None:
+        data = self._subtasks[-1].model_dump(mode="json", exclude={"looks"})
+        self._job.publish(kind, data, self._result())
+
+    def _result(self) -> RunResult:
+        return RunResult(subtasks=tuple(self._subtasks))
+
+    def _stop(self, reason: str) -> None:
+        """Stops the arm if its bridge can be reached; else the bridge brakes by itself, for want of heartbeats."""
+        try:
+            self._robot.stop(f"task ended early: {reason}")
+        except RpcError as error:
+            log.warning("the robot could not be told to stop", job=self._job.id, error=str(error))
+            self._job.publish("stop", {"stopped": False, "message": str(error)}, self._result())
+        else:
+            self._job.publish("stop", {"stopped": True, "message": reason}, self._result())

@@ -1,0 +1,81 @@
+"""The coordinator's eyes: a stereo pair from the cameras, and where object and hand are in it (RSS)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from handeye.camera_bridge.driver import CameraDriver, Image, StereoPair
+from handeye.modules.object_model import ObjectModel
+from handeye.modules.pipeline import recognise
+from handeye.modules.recognition import NotSeen, Recogniser
+from handeye.modules.spaces import ImagePair
+from handeye.server.problem import Invalid
+
+
+class Sight(Protocol):
+    """What learns objects and finds them and the hand; `Vision` is one."""
+
+    def learn(self, name: str, backgrounds: list[Image], examples: list[Image]) -> None:
+        """Learns what object `name` looks like; `Invalid` says what is wrong with the pictures."""
+        ...
+
+    def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
+        """Object and hand in the two pictures; `NotSeen` says what is missing in which picture."""
+        ...
+
+
+class Vision:
+    """The recogniser of `handeye.modules.recognition` (RSS), taught by pictures."""
+
+    def __init__(self) -> None:
+        self._recogniser = Recogniser()
+
+    def learn(self, name: str, backgrounds: list[Image], examples: list[Image]) -> None:
+        """Learns what object `name` looks like; `Invalid` says what is wrong with the pictures."""
+        try:
+            self._recogniser.register(name, ObjectModel.learn(backgrounds, examples))
+        except ValueError as error:
+            raise Invalid(f"Object '{name}' cannot be learned: {error}") from error
+
+    def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
+        """Object and hand in the two pictures; `NotSeen` says what is missing in which picture."""
+        return self._recogniser.see(left, right, name)
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """A stereo pair and what was found in it, or why it was not."""
+
+    pair: StereoPair
+    found: ImagePair | NotSeen
+
+    @property
+    def world_time(self) -> float:
+        """World time that the left picture shows, in s."""
+        return self.pair.left.world_time
+
+
+class Eyes:
+    """Both cameras and the recognition behind them; a picture is waited for `timeout` s."""
+
+    def __init__(self, cameras: CameraDriver, sight: Sight, timeout: float) -> None:
+        self._cameras = cameras
+        self._sight = sight
+        self._timeout = timeout
+
+    @property
+    def latency(self) -> float:
+        """A picture can be had this long after what it shows, in s of world time."""
+        return self._cameras.latency
+
+    def look(self, object_name: str, not_older_than: float) -> Sighting:
+        """A pair that shows the world at `not_older_than` (world time in s) or later, and what is in it.
+
+        `DeadlineExceeded` when there is no such pair in time.
+        """
+        pair = self._cameras.grab_stereo(not_older_than, self._timeout)
+        try:
+            return Sighting(pair, recognise(self._sight, pair.left.image, pair.right.image, object_name))
+        except NotSeen as missing:
+            return Sighting(pair, missing)

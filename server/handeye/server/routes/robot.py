@@ -1,0 +1,47 @@
+"""The robot: its state, stop and reset."""
+
+from __future__ import annotations
+
+import math
+
+from fastapi import APIRouter
+
+from handeye.robot_bridge.driver import RobotState
+from handeye.server.problem import responses
+from handeye.server.routes import CoordinatorDep
+from handeye.server.schemas import RobotInfo, StopRequest
+
+router = APIRouter(prefix="/v1/robot", tags=["robot"])
+
+_UNASKED = StopRequest()
+
+
+@router.get("", responses=responses(503, 504))
+def robot_state(coordinator: CoordinatorDep) -> RobotInfo:
+    """What the robot's own sensors say."""
+    return _info(coordinator.robot.state())
+
+
+@router.post("/stop", responses=responses(503, 504))
+def stop_robot(coordinator: CoordinatorDep, request: StopRequest = _UNASKED) -> RobotInfo:
+    """Brakes a motion under way and latches the software stop. Not safety-rated."""
+    return _info(coordinator.robot.stop(request.reason))
+
+
+@router.post("/reset", responses=responses(409, 503, 504))
+def reset_robot(coordinator: CoordinatorDep) -> RobotInfo:
+    """Clears the software stop; the next move is ramped."""
+    return _info(coordinator.robot.reset())
+
+
+def _info(state: RobotState) -> RobotInfo:
+    return RobotInfo(
+        world_time=state.world_time,
+        joints=tuple(state.joints.tolist()),
+        velocities=tuple(state.velocities.tolist()),
+        gripper_opening=state.gripper_opening,
+        moving=state.moving,
+        stopped=state.stopped,
+        still_since=state.still_since if math.isfinite(state.still_since) else None,
+        lease_holder=state.lease_holder,
+    )

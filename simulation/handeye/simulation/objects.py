@@ -1,0 +1,203 @@
+"""The objects of the lab: what they are, a catalogue of cups, and how they are built into PyBullet.
+
+World and mirror build them with the same code, so they look the same in both. An object's body frame has its origin at
+the centre of its shape, z along its axis; a mug's handle is at +x.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from handeye.simulation import urdf
+
+Shape = Literal["cup", "tumbler", "mug", "grid"]
+
+FRICTION = 0.6
+"""Friction coefficient of every object; with the pads' 0.8 the product is 0.48."""
+SPINNING_FRICTION = 0.001
+GRID_INTERSECTIONS = 9
+"""The grid target's inner corners along each side."""
+
+_WALLS = 16
+_FOOT = 0.002  # the walls' distance from the table, m
+_MARGIN = 0.001  # Bullet's collision margin, m
+_TAPER = math.radians(6.0)
+_GRID_SQUARES = GRID_INTERSECTIONS + 1
+_GRID_MARGIN = 0.4  # white margin around the squares, as a share of a square
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectSpec:
+    """An object that can stand on the table.
+
+    Attributes:
+        name: unique in the world.
+        shape: "cup" (straight wall), "tumbler" (wider at the top), "mug" (with a handle), "grid" (flat
+            chessboard target, 9×9 intersections).
+        radius: outer radius at half height, in m (grid: half of its width).
+        height: in m (grid: its thickness).
+        wall: wall thickness, in m.
+        mass: in kg.
+        color: (red, green, blue), each 0..1 (a grid is black and white).
+    """
+
+    name: str
+    shape: Shape
+    radius: float = 0.0325
+    height: float = 0.095
+    wall: float = 0.004
+    mass: float = 0.12
+    color: urdf.Color = (0.10, 0.25, 0.75)
+
+    def __post_init__(self) -> None:
+        if self.shape not in get_args(Shape):
+            raise ValueError(f"unknown shape {self.shape!r}; known are {', '.join(get_args(Shape))}")
+        sizes = {"radius": self.radius, "height": self.height, "mass": self.mass}
+        wrong = [name for name, value in sizes.items() if not (math.isfinite(value) and value > 0)]
+        if wrong:
+            raise ValueError(f"{', '.join(wrong)} of object {self.name!r} must be positive")
+        if self.shape != "grid" and not 2 * _MARGIN < self.wall < self.radius / 2:
+            raise ValueError(f"wall of object {self.name!r} must be over 2 mm and under half of its radius")
+        if len(self.color) != 3 or not all(0 <= channel <= 1 for channel in self.color):
+            raise ValueError(f"color of object {self.name!r} must be three numbers in 0..1, got {self.color}")
+
+    def named(self, name: str) -> ObjectSpec:
+        """The same object under another name."""
+        return replace(self, name=name)
+
+
+CUPS: dict[str, ObjectSpec] = {
+    spec.name: spec
+    for spec in (
+        ObjectSpec("blue cup", "cup", color=(0.08, 0.22, 0.78)),
+        ObjectSpec("yellow cup", "cup", radius=0.030, height=0.085, mass=0.10, color=(0.92, 0.76, 0.08)),
+        ObjectSpec("red tumbler", "tumbler", radius=0.0315, height=0.105, mass=0.12, color=(0.80, 0.10, 0.10)),
+        ObjectSpec("purple tumbler", "tumbler", radius=0.029, height=0.090, mass=0.10, color=(0.45, 0.12, 0.60)),
+        ObjectSpec("green mug", "mug", radius=0.0335, height=0.090, mass=0.16, color=(0.10, 0.55, 0.20)),
+        ObjectSpec("orange mug", "mug", radius=0.0325, height=0.095, mass=0.14, color=(0.92, 0.42, 0.06)),
+    )
+}
+"""Cups by name."""
+
+GRID = ObjectSpec("grid", "grid", radius=0.27, height=0.006, wall=0.0, mass=1.0, color=(1.0, 1.0, 1.0))
+"""The thesis's grid target (3, Fig 4.16): 9×9 intersections 5 cm apart, 40×40 cm between the outermost."""
+
+
+def grid_pitch(spec: ObjectSpec) -> float:
+    """Distance between neighbouring intersections of a grid, in m."""
+    return 2 * spec.radius / (_GRID_SQUARES + 2 * _GRID_MARGIN)
+
+
+def build(client: int, spec: ObjectSpec) -> int:
+    """Adds an object to the PyBullet client `client`, at the world's origin; returns its body id."""
+    with tempfile.TemporaryDirectory(prefix="handeye-object-") as folder:
+        path = Path(folder) / "object.urdf"
+        path.write_text(urdf.robot("object", _link(spec, Path(folder))))
+        body: int = pybullet.loadURDF(str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
+    pybullet.changeDynamics(
+        body,
+        -1,
+        lateralFriction=FRICTION,
+        spinningFriction=SPINNING_FRICTION,
+        rollingFriction=0.0,
+        restitution=0.0,
+        linearDamping=0.0,
+        angularDamping=0.0,
+        # A cup at rest falls asleep: awake, the contact solver lets it creep some micrometres a second.
+        activationState=pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
+        physicsClientId=client,
+    )
+    return body
+
+
+def _link(spec: ObjectSpec, folder: Path) -> str:
+    if spec.shape == "grid":
+        return urdf.link("object", *_grid(spec, folder))
+    taper = _TAPER if spec.shape == "tumbler" else 0.0
+    parts = [_inertial(spec), *_walls(spec, taper), _bottom(spec, taper), _lathe(spec, taper, folder)]
+    if spec.shape == "mug":
+        parts += _handle(spec)
+    return urdf.link("object", *parts)
+
+
+def _inertial(spec: ObjectSpec) -> str:
+    """A thin-walled tube's inertia; the centre of mass is taken at the centre of the shape."""
+    across = spec.mass * (spec.radius**2 / 2 + spec.height**2 / 12)
+    return urdf.inertial(spec.mass, (across, across, spec.mass * spec.radius**2))
+
+
+def _walls(spec: ObjectSpec, taper: float) -> list[str]:
+    """Boxes around the axis, their outer faces' middle on the outer radius.
+
+    They end a little above the foot: the object stands on its bottom, with four contacts instead of sixty-four.
+    """
+    widening = math.tan(taper) * spec.height / 2
+    width = 2 * (spec.radius + widening) * math.tan(math.pi / _WALLS)
+    height = spec.height - _FOOT
+    wall = urdf.box((spec.wall, width, height / math.cos(taper) - spec.wall * math.tan(taper)))
+    middle = spec.radius + math.tan(taper) * _FOOT / 2 - spec.wall / 2 / math.cos(taper)
+    return [
+        urdf.collision(wall, (middle * math.cos(turn), middle * math.sin(turn), _FOOT / 2), (0.0, taper, turn))
+        for turn in np.arange(_WALLS) * (2 * math.pi / _WALLS)
+    ]
+
+
+def _bottom(spec: ObjectSpec, taper: float) -> str:
+    radius = spec.radius - math.tan(taper) * spec.height / 2 - spec.wall / 2
+    # Bullet adds its margin around a cylinder (but not around a box).
+    disc = urdf.cylinder(radius - _MARGIN, spec.wall - 2 * _MARGIN)
+    return urdf.collision(disc, (0.0, 0.0, (spec.wall - spec.height) / 2))
+
+
+def _lathe(spec: ObjectSpec, taper: float, folder: Path) -> str:
+    half, lean = spec.height / 2, math.tan(taper) * spec.height / 2
+    top, foot = spec.radius + lean, spec.radius - lean
+    outline: NDArray[np.float64] = np.array(
+        [
+            [0.0, -half],
+            [foot, -half],
+            [top, half],
+            [top - spec.wall, half],
+            [foot - spec.wall, spec.wall - half],
+            [0.0, spec.wall - half],
+        ]
+    )
+    return urdf.visual(urdf.mesh(urdf.write_lathe(folder / "body.obj", outline)), spec.color)
+
+
+def _handle(spec: ObjectSpec) -> list[str]:
+    """Three bars at +x."""
+    reach, thick, span = 0.028, 0.008, 0.55 * spec.height
+    # The bars start inside the wall, so that no gap shows.
+    bar = (reach + spec.wall / 2, thick, thick)
+    x = spec.radius + (reach - spec.wall / 2) / 2
+    return [
+        urdf.solid(urdf.box(bar), spec.color, (x, 0, span / 2)),
+        urdf.solid(urdf.box(bar), spec.color, (x, 0, -span / 2)),
+        urdf.solid(urdf.box((thick, thick, span + thick)), spec.color, (spec.radius + reach, 0, 0)),
+    ]
+
+
+def _grid(spec: ObjectSpec, folder: Path) -> list[str]:
+    """A white board with black squares; a square has its corners on the intersections."""
+    black = np.indices((_GRID_SQUARES, _GRID_SQUARES)).sum(axis=0) % 2 == 0
+    pitch = grid_pitch(spec)
+    top = (0.0, 0.0, spec.height / 2 + 0.0005)
+    board = (2 * spec.radius, 2 * spec.radius, spec.height)
+    across = spec.mass * (2 * spec.radius) ** 2 / 12
+    white_mesh = urdf.write_cells(folder / "white.obj", ~black, pitch)
+    black_mesh = urdf.write_cells(folder / "black.obj", black, pitch)
+    return [
+        urdf.inertial(spec.mass, (across, across, 2 * across)),
+        urdf.solid(urdf.box(board), spec.color),
+        urdf.visual(urdf.mesh(white_mesh), spec.color, top),
+        urdf.visual(urdf.mesh(black_mesh), (0.02, 0.02, 0.02), top),
+    ]

@@ -1,0 +1,184 @@
+"""The scene that world and mirror share: table, floor, robot with hand, and the objects on the table.
+
+`build` puts it into a PyBullet client; `Stage.apply` poses it as a `WorldState` says, which is all that a mirror does.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from handeye.simulation import gripper, objects, puma, urdf
+from handeye.simulation.objects import ObjectSpec
+from handeye.simulation.pose import Pose
+
+Array = NDArray[np.float64]
+
+STEP = 1.0 / 240.0
+"""One physics step, in s."""
+ARM_JOINTS = tuple(range(6))
+HAND_LINK, FINGER_1, FINGER_2 = 6, 7, 8
+"""PyBullet's indices of the hand and of the fingers (joint and link)."""
+
+WORKSPACE_CENTRE: Array = np.array([0.60, 0.0])
+WORKSPACE_SIZE = 0.30
+"""Objects to be grasped stand in this square on the table, in m."""
+TABLE_X = (0.15, 1.10)
+TABLE_Y = (-0.65, 0.65)
+"""The table top, at z = 0, in m."""
+
+_TABLE_THICKNESS = 0.03
+_TABLE_COLOR = (0.80, 0.79, 0.76)
+_LEG_COLOR = (0.35, 0.35, 0.36)
+_FLOOR_COLOR = (0.30, 0.31, 0.33)
+_TABLE_FRICTION = 0.6
+_OUT_OF_SIGHT = (0.0, 0.0, -20.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectState:
+    """Pose of an object's body frame (origin at the centre of its shape), and which fingers it touches."""
+
+    name: str
+    pose: Pose
+    touches_finger_1: bool
+    touches_finger_2: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorldState:
+    """The truth at one time: true joint angles (6,) in rad, fingers (2,) in m from the middle, tool, objects."""
+
+    world_time: float
+    scene_version: int
+    joints: Array
+    fingers: Array
+    tool: Pose
+    objects: tuple[ObjectState, ...]
+
+    def object(self, name: str) -> ObjectState:
+        """The object of that name; `KeyError` when it is not in the world."""
+        for state in self.objects:
+            if state.name == name:
+                return state
+        raise KeyError(name)
+
+
+@dataclass(slots=True)
+class Stage:
+    """A built scene: body ids in the PyBullet client `client`."""
+
+    client: int
+    robot: int
+    table: int
+    objects: dict[str, int] = field(default_factory=dict)
+
+    def add(self, spec: ObjectSpec) -> int:
+        """Builds an object at the world's origin; returns its body id."""
+        if spec.name in self.objects:
+            raise ValueError(f"an object named {spec.name!r} is already there")
+        self.objects[spec.name] = objects.build(self.client, spec)
+        return self.objects[spec.name]
+
+    def remove(self, name: str) -> None:
+        """Takes an object out; `KeyError` when it is not there."""
+        pybullet.removeBody(self.objects.pop(name), physicsClientId=self.client)
+
+    def set_joints(self, joints: Array, fingers: Array) -> None:
+        """Poses arm and fingers at rest: joints (6,) in rad, fingers (2,) in m from the middle."""
+        for index, angle in zip(ARM_JOINTS, joints, strict=True):
+            pybullet.resetJointState(self.robot, index, float(angle), physicsClientId=self.client)
+        for index, position in zip((FINGER_1, FINGER_2), fingers, strict=True):
+            pybullet.resetJointState(self.robot, index, float(position), physicsClientId=self.client)
+
+    def apply(self, state: WorldState) -> None:
+        """Poses the scene as `state` says; objects that it does not have are moved out of sight."""
+        self.set_joints(state.joints, state.fingers)
+        poses = {item.name: item.pose for item in state.objects}
+        for name, body in self.objects.items():
+            pose = poses.get(name)
+            position = _OUT_OF_SIGHT if pose is None else pose.position.tolist()
+            orientation = (0.0, 0.0, 0.0, 1.0) if pose is None else pose.orientation.tolist()
+            pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=self.client)
+
+
+def build(client: int, specs: Iterable[ObjectSpec] = ()) -> Stage:
+    """Puts table, floor, robot and objects into the empty PyBullet client `client` (the arm at zero)."""
+    pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
+    _furniture(client)
+    stage = Stage(client, robot=_robot(client), table=_table(client))
+    for spec in specs:
+        stage.add(spec)
+    return stage
+
+
+def _robot(client: int) -> int:
+    with tempfile.TemporaryDirectory(prefix="handeye-robot-") as folder:
+        path = Path(folder) / "puma560.urdf"
+        arm = puma.links_and_joints()
+        hand = gripper.links_and_joints(puma.JOINT_NAMES[-1], Path(folder))
+        path.write_text(urdf.robot("puma560", arm, hand))
+        robot: int = pybullet.loadURDF(
+            str(path),
+            basePosition=puma.BASE_POSITION.tolist(),
+            useFixedBase=True,
+            flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
+            physicsClientId=client,
+        )
+    for index in ARM_JOINTS:
+        pybullet.changeDynamics(robot, index, localInertiaDiagonal=puma.INERTIA[index].tolist(), physicsClientId=client)
+    for index in range(-1, pybullet.getNumJoints(robot, physicsClientId=client)):
+        pybullet.changeDynamics(
+            robot,
+            index,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            jointDamping=0.0,
+            lateralFriction=gripper.PAD_FRICTION,
+            spinningFriction=objects.SPINNING_FRICTION,
+            restitution=0.0,
+            physicsClientId=client,
+        )
+    return robot
+
+
+def _table(client: int) -> int:
+    size = np.array([TABLE_X[1] - TABLE_X[0], TABLE_Y[1] - TABLE_Y[0], _TABLE_THICKNESS])
+    centre = np.array([sum(TABLE_X) / 2, sum(TABLE_Y) / 2, -_TABLE_THICKNESS / 2])
+    body = _box(client, size, centre, _TABLE_COLOR, solid=True)
+    pybullet.changeDynamics(
+        body,
+        -1,
+        lateralFriction=_TABLE_FRICTION,
+        spinningFriction=objects.SPINNING_FRICTION,
+        restitution=0.0,
+        physicsClientId=client,
+    )
+    return body
+
+
+def _furniture(client: int) -> None:
+    """The floor and the table's legs."""
+    _box(client, np.array([8.0, 8.0, 0.1]), np.array([0.0, 0.0, puma.FLOOR - 0.05]), _FLOOR_COLOR, solid=True)
+    height = -_TABLE_THICKNESS - puma.FLOOR
+    for x in TABLE_X:
+        for y in TABLE_Y:
+            inset = np.array([np.sign(sum(TABLE_X) / 2 - x), np.sign(-y)]) * 0.04
+            centre = np.array([x + inset[0], y + inset[1], puma.FLOOR + height / 2])
+            _box(client, np.array([0.05, 0.05, height]), centre, _LEG_COLOR, solid=False)
+
+
+def _box(client: int, size: Array, centre: Array, color: urdf.Color, *, solid: bool) -> int:
+    half = (size / 2).tolist()
+    shown = pybullet.createVisualShape(
+        pybullet.GEOM_BOX, halfExtents=half, rgbaColor=[*color, 1.0], physicsClientId=client
+    )
+    felt = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, physicsClientId=client) if solid else -1
+    body: int = pybullet.createMultiBody(0.0, felt, shown, centre.tolist(), physicsClientId=client)
+    return body

@@ -1,0 +1,40 @@
+"""When a motion is over: the arm has been led to its end and stands still."""
+
+from __future__ import annotations
+
+import math
+
+from handeye.simulation.scene import STEP
+
+_STILL_SPEED = 2e-3  # rad/s
+_STILL_STEPS = 6
+_SETTLE_LIMIT = 480  # steps after which a motion is over, though something keeps the arm from standing still
+
+
+class Stillness:
+    """Counts the steps for which the arm has stood still, and so knows whether a motion is under way."""
+
+    def __init__(self) -> None:
+        self._still = _STILL_STEPS
+        self._unled = 0
+        self._busy = False
+
+    @property
+    def busy(self) -> bool:
+        """A motion is under way or has not settled yet."""
+        return self._busy
+
+    def begin(self) -> None:
+        """A motion begins."""
+        self._busy, self._still, self._unled = True, 0, 0
+
+    def observe(self, *, led: bool, speed: float) -> None:
+        """Takes note of a physics step: whether a controller leads the arm, and its greatest joint speed, rad/s."""
+        self._unled = 0 if led else self._unled + 1
+        self._still = 0 if led or speed > _STILL_SPEED else self._still + 1
+        if self._still >= _STILL_STEPS or self._unled >= _SETTLE_LIMIT:
+            self._busy = False
+
+    def since(self, step: int) -> float:
+        """World time since when the arm stands still, s, at step `step`; infinite while it moves."""
+        return max(0, step - self._still + 1) * STEP if self._still >= _STILL_STEPS else math.inf

@@ -1,0 +1,74 @@
+"""The verbs `handeye teach` and `handeye demo`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the simulated laboratory's verbs to the `handeye` command."""
+
+    @app.command("teach")
+    def teach(
+        demonstrations: Annotated[int, typer.Option(min=1, help="How many sequences to show.")] = 10,
+        seed: Annotated[int, typer.Option(min=0, help="Seed of the places and of the small motions.")] = 1,
+        task: Annotated[str, typer.Option(help="Name of the task.")] = "grasp",
+        object_name: Annotated[str, typer.Option("--object", help="Which cup of the catalogue.")] = "blue cup",
+        state_dir: Annotated[Path | None, typer.Option(help="State directory of the `handeye up` to teach.")] = None,
+        watch_parent: Annotated[bool, typer.Option("--watch-parent", help="End when stdin ends.")] = False,
+    ) -> None:
+        """Show a running `handeye up` how to grasp a cup, as a person with the teach pendant would."""
+        # Here, not above: every `handeye` command imports this module, few need what teaching needs.
+        with silence():
+            from handeye.simulation.teaching import teach as run
+
+        run(
+            demonstrations=demonstrations,
+            seed=seed,
+            task=task,
+            object_name=object_name,
+            state_dir=state_dir,
+            watch_parent=watch_parent,
+        )
+
+    @app.command("demo")
+    def demo(
+        trials: Annotated[int, typer.Option(min=1, help="Random trials.")] = 10,
+        seed: Annotated[int, typer.Option(min=0, help="Seed of all places and noises.")] = 1,
+        report: Annotated[Path, typer.Option(help="Where report.html and report.json go.")] = Path("report"),
+    ) -> None:
+        """Teach the simulated robot ten sequences, test it, and print the table beside the thesis's."""
+        from handeye.cli.supervisor import signals_unwind
+
+        with silence():
+            from handeye.simulation.demo import run_demo
+            from handeye.simulation.report import ENOUGH
+        from rich.console import Console
+
+        console = Console(stderr=True)
+        with signals_unwind():
+            found = run_demo(trials, seed, report, console)
+        Console().print(found.table())
+        console.print(f"report: {report / 'report.html'}, {report / 'report.json'}  ({found.seconds:.0f} s)")
+        if not found.passed:
+            console.print(f"[red]A subtask passed in fewer than {ENOUGH:.0%} of the random trials.[/]")
+            raise typer.Exit(1)
+
+
+@contextmanager
+def silence() -> Iterator[None]:
+    """Inside, nothing reaches stderr, from C code neither: PyBullet announces itself there when it is imported."""
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from handeye.modules import ijs
+from handeye.modules.module import Module
+from handeye.modules.pipeline import Picture, Sees, image_to_joints, look_and_answer, recognise, specify_action
+from handeye.modules.spaces import ImagePair, ImagePoint, ImageVector, JointAngles
+
+LEFT = np.zeros((2, 2, 3), np.uint8)
+RIGHT = np.ones((2, 2, 3), np.uint8)
+PAIR = ImagePair(object=ImagePoint(200, 320, 150), hand=ImagePoint(180, 350, 160))
+JOINTS = JointAngles(np.linspace(-1, 1, 6))
+
+
+class Eye:
+    """Sees PAIR whatever it is shown, and remembers what that was."""
+
+    def __init__(self) -> None:
+        self.shown: list[tuple[Picture, Picture, str]] = []
+
+    def see(self, left: NDArray[np.uint8], right: NDArray[np.uint8], name: str) -> ImagePair:
+        self.shown.append((left, right, name))
+        return PAIR
+
+
+def module() -> Module:
+    """Two subtasks with one sample each, whose outputs are the subtask's number + 1."""
+    taught = Module(ijs.DECLARATION)
+    inputs = [ijs.input_vector(subtask, ImageVector(0, 0, 0), JOINTS) for subtask in (0, 1)]
+    taught.train(inputs, [[1.0] * 6, [2.0] * 6], ["a", "b"])
+    return taught
+
+
+def test_recognise_shows_both_pictures_in_order() -> None:
+    eye = Eye()
+    assert recognise(eye, LEFT, RIGHT, "blue cup") is PAIR
+    assert eye.shown == [(LEFT, RIGHT, "blue cup")]
+
+
+def test_the_action_points_from_hand_to_object() -> None:
+    assert specify_action(PAIR) == ImageVector(rows=20, columns=-30, disparity=-10)
+
+
+@pytest.mark.parametrize("subtask", [0, 1])
+def test_image_to_joints_answers_for_the_subtask(subtask: int) -> None:
+    turn, answer = image_to_joints(module(), subtask, ImageVector(1, 2, 3), JOINTS)
+    assert turn.array().tolist() == [subtask + 1.0] * 6
+    assert answer.neighbours[0].demonstration == "ab"[subtask]
+
+
+def test_the_whole_way_is_its_arrows_in_order() -> None:
+    eye, taught = Eye(), module()
+    look = look_and_answer(eye, taught, LEFT, RIGHT, object_name="cup", subtask=1, joints=JOINTS)
+    turn, answer = image_to_joints(taught, 1, specify_action(PAIR), JOINTS)
+    assert look.found is PAIR
+    assert look.action == specify_action(PAIR)
+    assert look.turn.array().tolist() == turn.array().tolist()
+    assert look.answer.neighbours == answer.neighbours
+    assert look.answer.support == answer.support
+
+
+def test_the_recogniser_fits() -> None:
+    from handeye.modules.recognition import Recogniser
+
+    eye: Sees = Recogniser()
+    assert callable(eye.see)

@@ -1,0 +1,276 @@
+"""A toy world without physics: a linear arm, and cameras whose pictures are read from the world itself."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from handeye.camera_bridge.driver import Frame, HeadState, Image, StereoPair
+from handeye.modules.module import warm_up
+from handeye.modules.recognition import NotSeen
+from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch, unwatched
+from handeye.rpc.errors import Busy, DeadlineExceeded, RpcError, Stopped, Unauthorised, Unavailable
+from handeye.server.coordinator import Coordinator
+from handeye.server.settings import ServerSettings
+
+JOINTS = 6
+STEP = 0.01
+LATENCY = 0.05
+PARK = np.array([0.5, -0.5, 0.4, 0.0, 0.3, 0.0])
+
+
+@dataclass
+class World:
+    """World time, the arm, the gripper and one cup; the hand's place in the stereo image is linear in three joints."""
+
+    time: float = 0.0
+    joints: Joints = field(default_factory=lambda: PARK.copy())
+    gripper: float = 0.09
+    still_since: float = 0.0
+    moving: bool = False
+    cup: NDArray[np.float64] = field(default_factory=lambda: np.array([240.0, 320.0, 150.0]))
+    reads: float = 1.0
+    """Share of a motion that the joints really make: the arm is not exact."""
+    hidden: set[str] = field(default_factory=set)
+    history: list[tuple[float, NDArray[np.float64]]] = field(default_factory=list)
+
+    @property
+    def hand(self) -> NDArray[np.float64]:
+        """(row, column, disparity) of the hand."""
+        return np.array([240.0, 320.0, 150.0]) + np.array([100.0, 120.0, 60.0]) * self.joints[:3]
+
+    def goal_joints(self, lift: float = 0.0) -> Joints:
+        """Where the hand is at the cup; `lift` rad above it."""
+        joints = np.zeros(JOINTS)
+        joints[:3] = (self.cup - [240.0, 320.0, 150.0]) / [100.0, 120.0, 60.0]
+        joints[3] = lift
+        return joints
+
+
+class ToyRobot:
+    """A robot in lockstep with the toy world; records every command by name."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.commands: list[str] = []
+        self.stopped = ""
+        self.leased = False
+        self.fail_with: RpcError | None = None
+        self.on_step: threading.Event | None = None
+        self.hang = False
+        self.pause = threading.Event()
+
+    description = RobotDescription(
+        joint_names=tuple(f"joint{n}" for n in range(1, 7)),
+        lower=np.full(JOINTS, -3.0),
+        upper=np.full(JOINTS, 3.0),
+        speed=np.ones(JOINTS),
+        acceleration=np.ones(JOINTS),
+        park=PARK,
+        gripper_range=0.09,
+        clock="lockstep",
+    )
+
+    @contextmanager
+    def lease(self) -> Iterator[None]:
+        if self.leased:
+            raise Busy("the control lease is held by 'teacher'")
+        self.leased = True
+        try:
+            yield
+        finally:
+            self.leased = False
+
+    def state(self) -> RobotState:
+        if isinstance(self.fail_with, Unavailable):
+            raise self.fail_with
+        world = self.world
+        return RobotState(
+            world.time,
+            world.joints.copy(),
+            np.zeros(JOINTS),
+            world.gripper,
+            world.moving,
+            bool(self.stopped),
+            np.inf if world.moving else world.still_since,
+        )
+
+    def _command(self, name: str, duration: float, watch: Watch, moves: bool = True) -> None:
+        self.commands.append(name)
+        if self.fail_with is not None:
+            raise self.fail_with
+        if not self.leased:
+            raise Unauthorised("moving the robot needs the control lease")
+        if self.stopped and moves:
+            raise Stopped(f"the robot is stopped: {self.stopped}")
+        self.world.moving = moves
+        steps = max(1, round(duration / STEP))
+        try:
+            done = 0
+            while done < steps or self.hang:
+                self.world.time += STEP
+                if self.hang:
+                    self.pause.wait(0.001)  # lets the other threads run
+                done += 1
+                watch(min(1.0, done / steps))
+                if self.on_step is not None:
+                    self.on_step.set()
+        finally:
+            self.world.moving = False
+            if moves:
+                self.world.still_since = self.world.time
+
+    def adjust_joints(self, delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+        self._command("adjust_joints", 1.0, watch)
+        self.world.joints = self.world.joints + self.world.reads * np.asarray(delta)
+        return self.state()
+
+    def open_gripper(self, watch: Watch = unwatched) -> RobotState:
+        self._command("open_gripper", 0.2, watch)
+        self.world.gripper = 0.09
+        return self.state()
+
+    def close_gripper(self, watch: Watch = unwatched) -> RobotState:
+        self._command("close_gripper", 0.2, watch)
+        self.world.gripper = 0.065
+        return self.state()
+
+    def advance(self, duration: float, watch: Watch = unwatched) -> RobotState:
+        self._command("advance", duration, watch, moves=False)
+        return self.state()
+
+    def park(self, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+        self.commands.append("park")
+        raise AssertionError("an acting task parked the robot")
+
+    def move_to_point(self, point: NDArray[np.float64], pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+        self.commands.append("move_to_point")
+        raise AssertionError("an acting task used inverse kinematics")
+
+    def move_to_joints(self, joints: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+        self.commands.append("move_to_joints")
+        raise AssertionError("an acting task moved to absolute joints")
+
+    def stop(self, reason: str = "") -> RobotState:
+        self.commands.append("stop")
+        if isinstance(self.fail_with, Unavailable):
+            raise self.fail_with
+        self.stopped = reason or "stopped"
+        return self.state()
+
+    def reset(self) -> RobotState:
+        self.stopped = ""
+        return self.state()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class ToyCameras:
+    """Pictures whose first numbers are where object and hand are: what `ToySight` reads back."""
+
+    size = (48, 64)
+    latency = LATENCY
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.fail_with: RpcError | None = None
+        self.sequence = 0
+
+    def grab_stereo(self, not_older_than: float, timeout: float) -> StereoPair:
+        if self.fail_with is not None:
+            raise self.fail_with
+        newest = self.world.time - LATENCY
+        if newest < not_older_than:
+            raise DeadlineExceeded(f"the newest pair shows {newest:.3f} s, {not_older_than:.3f} s was asked for")
+        self.sequence += 1
+        frame = Frame(np.zeros((*self.size, 3), np.uint8), newest, self.sequence)
+        return StereoPair(frame, frame, 0.0, HeadState(0.0, 0.0, False, newest))
+
+    def grab_observer(self, not_older_than: float, timeout: float) -> Frame:
+        return self.grab_stereo(not_older_than, timeout).left
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class ToySight:
+    """Sees where the toy world says that things are, to a tenth of a pixel."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.learned: dict[str, tuple[int, int]] = {}
+
+    def learn(self, name: str, backgrounds: list[Image], examples: list[Image]) -> None:
+        self.learned[name] = (len(backgrounds), len(examples))
+
+    def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
+        for what in ("object", "hand"):
+            if what in self.world.hidden:
+                raise NotSeen(f"{what} '{name}' is not seen in the left picture")
+        found, hand = (ImagePoint(*np.round(place, 1).tolist()) for place in (self.world.cup, self.world.hand))
+        return ImagePair(object=found, hand=hand)
+
+
+@dataclass
+class Lab:
+    """The toy world and a coordinator on it."""
+
+    world: World
+    robot: ToyRobot
+    cameras: ToyCameras
+    sight: ToySight
+    coordinator: Coordinator
+    missing: list[str]
+    places: list[tuple[float, float]]
+
+    def teach(self, cups: list[tuple[float, float]], task: str = "grasp") -> None:
+        """Shows the task once for each place (row, column) of the cup, with scattered observations."""
+        coordinator, world = self.coordinator, self.world
+        random = np.random.default_rng(7)
+        coordinator.show_object("blue cup", "backgrounds", 0.0)
+        coordinator.show_object("blue cup", "examples", 0.0)
+        for row, column in cups:
+            world.cup = np.array([row, column, 150.0])
+            shown = coordinator.demonstrations.begin(task, "blue cup").id
+            for subtask, start, goal, action in (
+                ("grasp", PARK, world.goal_joints(), "close_gripper"),
+                ("lift", world.goal_joints(), world.goal_joints(lift=-0.4), None),
+            ):
+                for share in (0.0, 0.5, 0.8, 0.95, 1.0):
+                    scatter = random.normal(0.0, 0.02, JOINTS) if 0.0 < share < 1.0 else 0.0
+                    world.joints = start + share * (goal - start) + scatter
+                    world.time += LATENCY
+                    coordinator.observe(shown, subtask, goal=share == 1.0, key=share == 0.0)
+                if action == "close_gripper":
+                    coordinator.demonstrations.act(shown, subtask, "close_gripper")
+            coordinator.demonstrations.finish(shown)
+        world.joints = PARK.copy()
+
+
+PLACES = [(r, c) for r in (200.0, 220.0, 240.0, 260.0, 280.0) for c in (280.0, 320.0, 360.0)]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled() -> None:
+    """The kernels are compiled before anything waits for an answer."""
+    warm_up()
+
+
+@pytest.fixture
+def lab() -> Iterator[Lab]:
+    world = World(time=1.0)
+    robot, cameras, sight = ToyRobot(world), ToyCameras(world), ToySight(world)
+    missing: list[str] = []
+    coordinator = Coordinator(robot, cameras, sight, ServerSettings(), lambda: missing)
+    try:
+        yield Lab(world, robot, cameras, sight, coordinator, missing, PLACES)
+    finally:
+        coordinator.close()

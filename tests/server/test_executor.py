@@ -1,0 +1,302 @@
+"""The acting loop on the toy world: it converges, it records what it did, and it ends safely."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from handeye.robot_bridge.driver import Pace, unwatched
+from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, Unavailable
+from handeye.server.acting import ActingRobot, ActingSettings
+from handeye.server.coordinator import Coordinator
+from handeye.server.jobs import JobBusy
+from handeye.server.problem import NotFound
+from handeye.server.results import JobState, JobView
+from handeye.server.settings import ServerSettings
+from handeye.server.training import TrainRequest
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Lab
+
+UNTAUGHT = np.array([233.0, 337.0, 150.0])  # between the taught places
+FAR = np.array([100.0, 600.0, 150.0])
+
+
+def train(lab: Lab, **settings: object) -> None:
+    """Teaches the grasp on a grid of places; acting settings may be changed."""
+    lab.coordinator.settings = ServerSettings(acting=ActingSettings.model_validate(settings))
+    lab.teach(lab.places)
+    lab.coordinator.train("grasp", TrainRequest())
+    lab.world.cup = UNTAUGHT
+    lab.robot.commands.clear()
+
+
+def run(lab: Lab, *, one_look: bool = False) -> JobView:
+    job = lab.coordinator.run("grasp", "blue cup", one_look=one_look)
+    assert job.wait(30.0)
+    return job.view()
+
+
+def miss(job: JobView) -> float:
+    """Distance of hand and cup in pixels when the gripper has closed: as the first look afterwards saw it."""
+    look = job.result.subtasks[1].looks[0]
+    return float(np.linalg.norm(np.subtract(look.hand, look.object)))
+
+
+def test_the_hand_reaches_an_untaught_place_with_an_arm_that_is_not_exact(lab: Lab) -> None:
+    train(lab)
+    lab.world.reads = 0.9
+    job = run(lab)
+    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
+    assert miss(job) < 0.5
+    assert lab.world.joints[3] == pytest.approx(-0.4, abs=0.02)
+    grasp, lift = job.result.subtasks
+    assert (grasp.name, grasp.state, grasp.aligned, grasp.action) == ("grasp", "succeeded", True, "close_gripper")
+    assert (lift.name, lift.state, lift.action) == ("lift", "succeeded", None)
+    assert len(grasp.looks) >= 3
+
+
+def test_one_look_is_worse_than_looking_again(lab: Lab) -> None:
+    train(lab)
+    lab.world.reads = 0.9
+    job = run(lab, one_look=True)
+    assert job.state is JobState.SUCCEEDED
+    assert [len(subtask.looks) for subtask in job.result.subtasks] == [1, 1]
+    assert not job.result.subtasks[0].aligned
+    assert miss(job) > 3.0
+
+
+def test_an_acting_task_adjusts_joints_moves_the_gripper_waits_and_nothing_else(lab: Lab) -> None:
+    train(lab)
+    run(lab)
+    assert set(lab.robot.commands) == {"adjust_joints", "close_gripper", "advance"}
+    lab.robot.commands.clear()
+    lab.robot.reset()
+    lab.world.cup = FAR
+    run(lab)
+    assert set(lab.robot.commands) <= {"adjust_joints", "advance", "stop"}
+
+
+def test_the_facade_has_no_other_way_to_the_robot(lab: Lab) -> None:
+    robot = ActingRobot(lab.robot, unwatched, Pace())
+    allowed = {"adjust_joints", "open_gripper", "close_gripper", "wait", "stop", "state", "at_rest", "lockstep"}
+    assert {name for name in dir(robot) if not name.startswith("_")} == allowed
+    assert not hasattr(robot, "__dict__")
+
+
+def test_every_look_is_recorded_with_where_its_answer_came_from(lab: Lab) -> None:
+    train(lab)
+    job = run(lab)
+    looks = [look for subtask in job.result.subtasks for look in subtask.looks]
+    for number, look in enumerate(looks):
+        assert look.number == number
+        assert 0.0 < look.support <= 1.0
+        assert look.picture == f"/v1/jobs/{job.id}/looks/{number}.jpg"
+        distances = [neighbour.distance for neighbour in look.neighbours]
+        assert distances == sorted(distances)
+        assert all(neighbour.demonstration.startswith("grasp-") for neighbour in look.neighbours)
+    first = looks[0]
+    assert first.object == tuple(UNTAUGHT)
+    assert first.moved == pytest.approx(first.delta)
+    assert looks[-1].moved == () or not job.result.subtasks[-1].aligned
+
+
+def test_each_look_is_charged_and_shows_the_arm_at_rest(lab: Lab) -> None:
+    train(lab, thinking=0.5)
+    job = run(lab)
+    (grasp, lift), looks = job.result.subtasks, job.result.subtasks[0].looks
+    gaps = np.diff([look.world_time for look in looks])
+    # 1 s motion, 0.5 s thinking, and the cameras' latency with what the right picture is later
+    assert gaps == pytest.approx(1.57, abs=0.03)
+    assert grasp.ended is not None
+    assert looks[-1].world_time < grasp.ended <= lift.started
+    assert lift.ended is not None
+    assert lab.world.time == pytest.approx(lift.ended + 2.5, abs=0.05)
+
+
+def test_looks_run_out_and_the_task_goes_on(lab: Lab) -> None:
+    train(lab, max_looks=2, tolerance=1e-9)
+    lab.world.reads = 0.5
+    job = run(lab)
+    grasp = job.result.subtasks[0]
+    assert (grasp.state, grasp.aligned, len(grasp.looks)) == ("succeeded", False, 2)
+
+
+def failed(lab: Lab, code: str) -> JobView:
+    """Runs the task and checks that it failed with `code`, the arm stopped."""
+    job = run(lab)
+    assert job.state is JobState.FAILED
+    assert job.error is not None
+    assert job.error.code == code
+    assert lab.robot.commands[-1] == "stop"
+    assert not lab.robot.leased
+    return job
+
+
+@pytest.mark.parametrize("hidden", ["hand", "object"])
+def test_what_is_not_seen_stops_the_arm(lab: Lab, hidden: str) -> None:
+    train(lab)
+    lab.world.hidden.add(hidden)
+    job = failed(lab, "not_seen")
+    assert job.error is not None
+    assert hidden in job.error.message
+    assert hidden in lab.robot.stopped
+    assert job.result.subtasks[0].state == "failed"
+    assert lab.coordinator.pictures.get(job.id, 0) is not None
+
+
+def test_outside_the_taught_region_the_task_holds_and_asks_for_a_demonstration(lab: Lab) -> None:
+    train(lab)
+    lab.world.cup = FAR
+    job = failed(lab, "outside_taught_region")
+    assert job.error is not None
+    assert "outside the taught region" in job.error.message
+    assert "nearest demonstration is 'grasp-" in job.error.message
+    look = job.result.subtasks[0].looks[-1]
+    assert look.moved == ()
+    assert look.support < 0.2
+    assert "adjust_joints" not in lab.robot.commands
+
+
+def test_an_answer_that_asks_for_too_large_a_move_is_refused(lab: Lab) -> None:
+    train(lab, largest_move=0.1)
+    job = failed(lab, "out_of_limits")
+    assert job.error is not None
+    assert "joint" in job.error.message
+    assert "adjust_joints" not in lab.robot.commands
+
+
+def test_a_camera_that_is_gone_stops_the_arm(lab: Lab) -> None:
+    train(lab)
+    lab.cameras.fail_with = Unavailable("Camera.GrabStereo: nobody serves it")
+    job = failed(lab, "unavailable")
+    assert job.error is not None
+    assert "Camera.GrabStereo" in job.error.message
+
+
+@pytest.mark.parametrize("error", [OutOfLimits("joint 2"), DeadlineExceeded("too slow")])
+def test_a_refused_motion_stops_the_arm(lab: Lab, error: OutOfLimits | DeadlineExceeded) -> None:
+    train(lab)
+    lab.robot.fail_with = error
+    failed(lab, "out_of_limits" if isinstance(error, OutOfLimits) else "deadline_exceeded")
+
+
+def test_a_stopped_robot_fails_the_task_until_reset(lab: Lab) -> None:
+    train(lab)
+    lab.robot.stop("a person")
+    failed(lab, "stopped")
+    lab.robot.reset()
+    assert run(lab).state is JobState.SUCCEEDED
+
+
+def test_a_robot_that_is_gone_fails_the_job_even_though_it_cannot_be_stopped(lab: Lab) -> None:
+    train(lab)
+    lab.robot.fail_with = Unavailable("Robot.GetState: nobody serves it")
+    job = lab.coordinator.run("grasp", "blue cup", one_look=False)
+    assert job.wait(30.0)
+    assert job.view().state is JobState.FAILED
+    (stop,) = [event for event in job.events(0, 0.0) if event.kind == "stop"]
+    assert stop.data["stopped"] is False
+
+
+def test_the_lease_of_another_holder_is_respected(lab: Lab) -> None:
+    train(lab)
+    with lab.robot.lease():
+        job = run(lab)
+    assert job.error is not None
+    assert job.error.code == "busy"
+    assert "teacher" in job.error.message
+    assert "adjust_joints" not in lab.robot.commands
+
+
+def test_cancel_brakes_the_motion_and_stops_the_arm(lab: Lab) -> None:
+    train(lab)
+    lab.robot.on_step = threading.Event()
+    lab.robot.hang = True  # the motion would not end by itself
+    job = lab.coordinator.run("grasp", "blue cup", one_look=False)
+    assert lab.robot.on_step.wait(10.0)
+    with pytest.raises(JobBusy, match=job.id):
+        lab.coordinator.run("grasp", "blue cup", one_look=False)
+    job.cancel()
+    assert job.wait(10.0)
+    view = job.view()
+    assert (view.state, view.error and view.error.code) == (JobState.CANCELLED, "cancelled")
+    assert lab.robot.commands[-1] == "stop"
+    assert not lab.world.moving
+
+
+def test_closing_the_coordinator_cancels_what_is_under_way(lab: Lab) -> None:
+    train(lab)
+    lab.robot.on_step = threading.Event()
+    lab.robot.hang = True
+    job = lab.coordinator.run("grasp", "blue cup", one_look=False)
+    assert lab.robot.on_step.wait(10.0)
+    lab.coordinator.close()
+    assert job.view().state is JobState.CANCELLED
+    assert not any(thread.name.startswith("job-") for thread in threading.enumerate())
+    with pytest.raises(JobBusy, match="shutting down"):
+        lab.coordinator.run("grasp", "blue cup", one_look=False)
+
+
+def test_a_bug_fails_the_job_without_showing_its_inside(lab: Lab) -> None:
+    train(lab)
+    lab.cameras.grab_stereo = lambda *_: 1 / 0  # type: ignore[method-assign, assignment]
+    job = failed(lab, "internal")
+    assert job.error is not None
+    assert "division" not in job.error.message
+
+
+def test_untrained_tasks_and_unknown_objects_are_refused_at_once(lab: Lab) -> None:
+    with pytest.raises(NotFound, match="not trained"):
+        lab.coordinator.run("pour", "blue cup", one_look=False)
+    train(lab)
+    with pytest.raises(NotFound, match="learned: 'blue cup'"):
+        lab.coordinator.run("grasp", "red cup", one_look=False)
+
+
+def test_an_arm_that_never_rests_is_an_error(lab: Lab) -> None:
+    lab.world.still_since = np.inf
+    lab.robot.leased = True
+    with pytest.raises(Busy, match="not come to rest"):
+        ActingRobot(lab.robot, unwatched, Pace()).at_rest()
+
+
+def test_in_realtime_nobody_advances_the_world(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab, hold=0.0)
+    realtime = type(lab.robot.description)(
+        **{
+            **{name: getattr(lab.robot.description, name) for name in lab.robot.description.__slots__},
+            "clock": "realtime",
+        }
+    )
+    monkeypatch.setattr(type(lab.robot), "description", realtime)
+    grab = lab.cameras.grab_stereo
+
+    def wait_and_grab(not_older_than: float, timeout: float) -> object:
+        lab.world.time += 0.1  # time passes by itself
+        return grab(not_older_than, timeout)
+
+    monkeypatch.setattr(lab.cameras, "grab_stereo", wait_and_grab)
+    assert run(lab).state is JobState.SUCCEEDED
+    assert lab.robot.commands.count("advance") == 1  # the hold at the end
+
+
+def test_a_coordinator_keeps_the_newest_jobs_and_pictures_only(lab: Lab) -> None:
+    train(lab)
+    settings = ServerSettings(jobs_kept=2, pictures_kept=1)
+    small = Coordinator(lab.robot, lab.cameras, lab.sight, settings, list)
+    small.objects, small.tasks = lab.coordinator.objects, lab.coordinator.tasks
+    ids = []
+    for _ in range(3):
+        job = small.run("grasp", "blue cup", one_look=True)
+        assert job.wait(30.0)
+        ids.append(job.id)
+    with pytest.raises(NotFound, match="newest 2"):
+        small.jobs.get(ids[0])
+    assert small.jobs.get(ids[1]).ended
+    assert small.pictures.get(ids[1], 0) is None
+    assert small.pictures.get(ids[2], 0) is not None
+    assert small.pictures.get(ids[2], -1) is None

@@ -1,0 +1,67 @@
+"""The lab bus carries the world exactly."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from pydantic import SecretStr
+
+from handeye.robot_bridge.drivers.simulated import SimulatedRobot
+from handeye.rpc import Bus, LabBusSettings
+from handeye.rpc.errors import Busy, InvalidArgument
+from handeye.simulation import grasping
+from handeye.simulation.lab import LabClient, LabService
+from handeye.simulation.objects import CUPS, ObjectSpec
+from handeye.simulation.world import World
+
+CUP = CUPS["green mug"]
+
+
+@pytest.fixture
+def lab(world: World) -> Iterator[LabClient]:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    settings = LabBusSettings(endpoint=f"tcp/127.0.0.1:{port}", user="lab", password=SecretStr("secret"))
+    with (
+        Bus.host(settings, credentials={"lab": "secret"}, name="robot-bridge") as host,
+        LabService(world, host),
+        Bus.open(settings, name="test") as bus,
+    ):
+        yield LabClient(bus)
+
+
+def test_scene_and_states_arrive_as_they_are(world: World, lab: LabClient) -> None:
+    scene = lab.place(CUP, np.array([0.6, 0.05]), yaw=0.5)
+    assert scene == world.scene() == lab.scene()
+    SimulatedRobot(world).move_to_joints(grasping.PARK + 0.05)
+    for when in (None, 0.1):
+        here, there = world.state(when), lab.world(when)
+        assert (here.world_time, here.scene_version) == (there.world_time, there.scene_version)
+        assert np.array_equal(here.joints, there.joints)
+        assert np.array_equal(here.fingers, there.fingers)
+        for a, b in ((here.tool, there.tool), (here.object(CUP.name).pose, there.object(CUP.name).pose)):
+            assert np.array_equal(a.position, b.position)
+            assert np.array_equal(a.orientation, b.orientation)
+    times = [state.world_time for state in lab.history(0.0, every=0.1)]
+    assert times == [state.world_time for state in world.history(0.0, every=0.1)]
+    assert lab.remove(CUP.name).objects == ()
+    assert lab.reset(9).seed == 9
+    assert lab.world().world_time == 0.0
+
+
+def test_errors_arrive_typed(world: World, lab: LabClient) -> None:
+    with pytest.raises(InvalidArgument, match="the table reaches"):
+        lab.place(CUP, (3.0, 0.0))
+    with pytest.raises(InvalidArgument, match="is not known"):
+        lab.world(5.0)
+    vase = ObjectSpec("vase", "cup")
+    object.__setattr__(vase, "shape", "vase")
+    with pytest.raises(InvalidArgument, match="unknown shape"):
+        lab.place(vase, (0.6, 0.0))
+    world.start_motion(grasping.PARK + 0.1, speed_share=0.5, acceleration_share=0.5)
+    with pytest.raises(Busy):
+        lab.reset()

@@ -1,0 +1,143 @@
+"""A taught stack: what the acting side may know, and how tasks end that can't be done."""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import zenoh
+
+from handeye.cli.up import Stack
+from handeye.proto.methods import LAB_GET_WORLD
+from handeye.proto.v1 import lab_pb2
+from handeye.rpc import Bus, LabBusSettings
+from handeye.rpc.errors import Unauthorised, Unavailable
+from handeye.rpc.settings import client_config
+from handeye.simulation.objects import ObjectSpec
+from handeye.simulation.teaching import acting_settings, lab_settings
+
+if TYPE_CHECKING:
+    from tests.system.conftest import Lesson
+
+# The first test's time includes starting and teaching the stack.
+pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
+
+
+@contextmanager
+def everything(stack: Stack) -> Iterator[list[tuple[str, bytes]]]:
+    """Whatever a subscriber to `**` with acting credentials receives: (key, payload)."""
+    received: list[tuple[str, bytes]] = []
+
+    def keep(sample: zenoh.Sample) -> None:
+        received.append((str(sample.key_expr), sample.payload.to_bytes()))
+
+    with (
+        zenoh.open(client_config(acting_settings(stack.acting), 3.0)) as session,
+        session.declare_subscriber("**", keep),
+    ):
+        yield received
+
+
+def test_a_trial_passes_and_the_acting_bus_carries_no_truth(lesson: Lesson) -> None:
+    lesson.reset()
+    lesson.place()
+    before = lesson.lab.world().object("blue cup").pose.position
+    with everything(lesson.stack) as received:
+        done = lesson.run()
+    assert done.returncode == 0, done.stderr
+    after = lesson.lab.world().object("blue cup").pose.position
+    assert after[2] - before[2] > 0.10
+    assert len(received) > 50
+    assert not [key for key, _ in received if "lab" in key.lower()]
+    # No number of the cup's pose, neither before nor after, as it would stand in any message: a little-endian double.
+    numbers = [struct.pack("<d", value) for value in (*before, *after)]
+    assert not [key for key, payload in received for number in numbers if number in payload]
+    # The search would have found them: the lab's own answer holds them.
+    with Bus.open(lab_settings(lesson.stack.lab), name="tests") as lab:
+        truth = lab.call(LAB_GET_WORLD, lab_pb2.GetWorldRequest(world_time=-1.0), timeout=2.0).SerializeToString()
+    assert struct.pack("<d", after[0]) in truth
+
+
+def test_the_acting_bus_does_not_lead_to_the_lab(stack: Stack) -> None:
+    with Bus.open(acting_settings(stack.acting), name="spy") as bus, pytest.raises(Unavailable):
+        bus.call(LAB_GET_WORLD, lab_pb2.GetWorldRequest(world_time=-1.0), timeout=2.0)
+
+
+@pytest.mark.parametrize("credentials", ["acting", "none"])
+def test_the_lab_bus_refuses_whoever_has_not_its_credentials(stack: Stack, credentials: str) -> None:
+    lab = lab_settings(stack.lab)
+    settings = LabBusSettings(endpoint=lab.endpoint)
+    if credentials == "acting":
+        acting = acting_settings(stack.acting)
+        settings = LabBusSettings(endpoint=lab.endpoint, user=acting.user, password=acting.password)
+    with pytest.raises(Unauthorised):
+        Bus.open(settings, name="spy").close()
+
+
+def test_the_server_is_given_no_way_to_the_lab(stack: Stack) -> None:
+    server = next(child for child in stack.supervisor.children if child.name == "server")
+    with open(f"/proc/{server.pid}/environ", "rb") as environment:
+        content = environment.read()
+    assert b"HANDEYE_BUS_PASSWORD" in content
+    assert b"LAB" not in content
+    assert stack.lab["HANDEYE_LAB_BUS_PASSWORD"].encode() not in content
+
+
+def expect_refusal(lesson: Lesson, *words: str) -> None:
+    """`handeye run` ends with exit code 1 and a message with these words, and the arm is stopped."""
+    done = lesson.run()
+    assert done.returncode == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+    assert "Traceback" not in done.stderr
+    state = lesson.client.robot()
+    assert state.stopped
+    assert not state.moving
+
+
+def test_a_missing_object_ends_the_task(lesson: Lesson) -> None:
+    lesson.reset()
+    expect_refusal(lesson, "blue cup", "not seen")
+
+
+def test_a_hidden_hand_ends_the_task(lesson: Lesson) -> None:
+    lesson.reset()
+    lesson.place((0.6, 0.14))
+    # A tall grey drum between the parked hand and the cameras; the cup stands beside it.
+    drum = ObjectSpec("drum", "cup", radius=0.11, height=0.45, wall=0.01, mass=2.0, color=(0.5, 0.5, 0.5))
+    lesson.place((0.65, -0.02), drum)
+    expect_refusal(lesson, "hand", "not seen")
+
+
+def test_a_cup_out_of_reach_ends_the_task(lesson: Lesson) -> None:
+    lesson.reset()
+    lesson.place((0.86, 0.0))  # as far as it is still recognised
+    before = lesson.lab.world().object("blue cup").pose.position
+    expect_refusal(lesson, "is outside the taught region")
+    assert np.linalg.norm(lesson.lab.world().object("blue cup").pose.position - before) < 1e-3
+
+
+def test_a_camera_bridge_killed_in_mid_task_ends_it(lesson: Lesson) -> None:
+    """The last test of this file: afterwards the stack is of no use."""
+    lesson.reset()
+    lesson.place()
+    camera = next(child for child in lesson.stack.supervisor.children if child.name == "camera bridge")
+    job = lesson.client.start_run("grasp", "blue cup")
+    for event in lesson.client.events(job.id):
+        if event.kind == "look":
+            os.kill(camera.pid, signal.SIGKILL)
+            break
+    ended = lesson.client.follow(job.id, timeout=30.0)
+    assert ended.state == "failed"
+    assert ended.error is not None
+    assert ended.error.code == "unavailable"
+    assert "Camera" in ended.error.message
+    state = lesson.client.robot()
+    assert state.stopped
+    assert not state.moving
