@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from handeye.camera_bridge.drivers.fake import FakeCameras, FakeClock, FakeHead
 from handeye.camera_bridge.remote import RemoteCameras, RemoteHead
 from handeye.camera_bridge.service import CameraService
 from handeye.proto.methods import CAMERA_STEREO, ROBOT_HEARTBEAT
 from handeye.proto.v1 import robot_pb2
 from handeye.rpc import Bus
 from handeye.rpc.errors import DeadlineExceeded, Unavailable
+from tests.camera_bridge.fake_cameras import FakeCameras, FakeClock, FakeHead
 
 Join = Callable[[str], Bus]
 

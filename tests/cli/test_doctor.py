@@ -37,7 +37,8 @@ def test_python_versions(version: tuple[int, int], simulation: bool, well: bool)
 def test_a_directory_that_can_not_be_written(tmp_path: Path) -> None:
     blocker = tmp_path / "file"
     blocker.write_text("")
-    assert doctor.check_writable("state directory", tmp_path / "new", "mend").well
+    assert doctor.check_writable("state directory", tmp_path / "new" / "deep", "mend").well
+    assert list(tmp_path.iterdir()) == [blocker]
     finding = doctor.check_writable("state directory", blocker / "sub", "mend")
     assert not finding.well
     assert finding.remedy == "mend"

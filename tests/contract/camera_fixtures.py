@@ -10,11 +10,10 @@ from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
-from handeye.camera_bridge.driver import CameraDriver
-from handeye.camera_bridge.drivers.fake import FakeCameras, FakeClock, FakeHead
+from handeye.camera_bridge.driver import CameraDriver, HeadDriver
 from handeye.camera_bridge.drivers.simulated import connect
 from handeye.camera_bridge.remote import RemoteCameras, RemoteHead
-from handeye.camera_bridge.service import CameraService, DescribedHead
+from handeye.camera_bridge.service import CameraService
 from handeye.robot_bridge.drivers.simulated import SimulatedRobot
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.robot_bridge.service import RobotService
@@ -22,6 +21,7 @@ from handeye.rpc import Bus, BusSettings, LabBusSettings
 from handeye.simulation.lab import LabService
 from handeye.simulation.profile import Profile
 from handeye.simulation.world import World
+from tests.camera_bridge.fake_cameras import FakeCameras, FakeClock, FakeHead
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Eyes:
     """Cameras and head, the lease under which the head may turn, and how to let world time pass."""
 
     cameras: CameraDriver
-    head: DescribedHead
+    head: HeadDriver
     lease_id: str
     advance: Callable[[float], object]
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from handeye.modules import ijs
 from handeye.modules.module import Module
-from handeye.modules.pipeline import Picture, Sees, image_to_joints, look_and_answer, recognise, specify_action
+from handeye.modules.pipeline import Picture, Sees, image_to_joints, recognise, specify_action
 from handeye.modules.spaces import ImagePair, ImagePoint, ImageVector, JointAngles
 
 LEFT = np.zeros((2, 2, 3), np.uint8)
@@ -49,17 +49,6 @@ def test_image_to_joints_answers_for_the_subtask(subtask: int) -> None:
     turn, answer = image_to_joints(module(), subtask, ImageVector(1, 2, 3), JOINTS)
     assert turn.array().tolist() == [subtask + 1.0] * 6
     assert answer.neighbours[0].demonstration == "ab"[subtask]
-
-
-def test_the_whole_way_is_its_arrows_in_order() -> None:
-    eye, taught = Eye(), module()
-    look = look_and_answer(eye, taught, LEFT, RIGHT, object_name="cup", subtask=1, joints=JOINTS)
-    turn, answer = image_to_joints(taught, 1, specify_action(PAIR), JOINTS)
-    assert look.found is PAIR
-    assert look.action == specify_action(PAIR)
-    assert look.turn.array().tolist() == turn.array().tolist()
-    assert look.answer.neighbours == answer.neighbours
-    assert look.answer.support == answer.support
 
 
 def test_the_recogniser_fits() -> None:

@@ -90,3 +90,18 @@ except ZeroDivisionError:
     assert (line["event"], line["level"], line["cell"]) == ("failed", "error", "a")
     assert "ZeroDivisionError" in line["exception"]
     assert b"secret" not in done.stderr
+
+
+def test_a_process_that_does_not_end_in_order_is_ended() -> None:
+    program = """
+import signal, sys, time
+from handeye.rpc.process import until_stopped
+alarm, signal.alarm = signal.alarm, lambda seconds: alarm(1 if seconds else 0)
+with until_stopped(watch_parent=True) as stop:
+    stop.wait()
+    time.sleep(60)  # does not hear that it is to end
+"""
+    with subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(10) == -signal.SIGALRM

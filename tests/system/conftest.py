@@ -117,7 +117,8 @@ class Lesson:
 
 @pytest.fixture(scope="session")
 def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
-    with Stack(tmp_path_factory.mktemp("state")) as stack:
+    # Named so that XDG_STATE_HOME leads to it.
+    with Stack(tmp_path_factory.mktemp("state") / "handeye") as stack:
         yield stack
 
 

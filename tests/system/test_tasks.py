@@ -77,7 +77,7 @@ def test_the_lab_bus_refuses_whoever_has_not_its_credentials(stack: Stack, crede
         acting = acting_settings(stack.acting)
         settings = LabBusSettings(endpoint=lab.endpoint, user=acting.user, password=acting.password)
     with pytest.raises(Unauthorised):
-        Bus.open(settings, name="spy").close()
+        Bus.open(settings, name="spy", timeout=1.0).close()
 
 
 def test_the_server_is_given_no_way_to_the_lab(stack: Stack) -> None:

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 import structlog
 
-from handeye.camera_bridge.driver import CameraDriver
-from handeye.camera_bridge.service import CameraService, DescribedHead
+from handeye.camera_bridge.driver import CameraDriver, HeadDriver
+from handeye.camera_bridge.service import CameraService
 from handeye.camera_bridge.settings import CameraBridgeSettings
 from handeye.rpc import Bus, BusSettings, LabBusSettings
 
@@ -37,7 +37,7 @@ def run(settings: CameraBridgeSettings, stop: threading.Event) -> None:
 @contextmanager
 def open_cameras(
     settings: CameraBridgeSettings, bus: Bus, stop: threading.Event
-) -> Iterator[tuple[CameraDriver, DescribedHead]]:
+) -> Iterator[tuple[CameraDriver, HeadDriver]]:
     """The drivers that the settings name, closed at the end; the simulated ones look at the world over the lab bus.
 
     Setting `stop` ends the wait for the lab bus.

@@ -92,6 +92,16 @@ class HeadDriver(Protocol):
         """((pan lowest, pan highest), (tilt lowest, tilt highest)) in rad."""
         ...
 
+    @property
+    def step(self) -> float:
+        """Smallest step of both axes in rad; 0 for none."""
+        ...
+
+    @property
+    def speed(self) -> float:
+        """Greatest speed of both axes in rad/s."""
+        ...
+
     def state(self) -> HeadState:
         """Where the head points now."""
         ...

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 import structlog
 
@@ -32,24 +32,10 @@ _STREAM_TIMEOUT = 5.0
 """Seconds that the stream waits for a picture."""
 
 
-class DescribedHead(HeadDriver, Protocol):
-    """A head that also says what a description tells of it."""
-
-    @property
-    def step(self) -> float:
-        """Smallest step of both axes in rad; 0 for none."""
-        ...
-
-    @property
-    def speed(self) -> float:
-        """Greatest speed of both axes in rad/s."""
-        ...
-
-
 class CameraService:
     """Cameras and head on the bus, from `with` to its end. The drivers stay their owner's to close."""
 
-    def __init__(self, cameras: CameraDriver, head: DescribedHead, bus: Bus, stream_rate: float = 5.0) -> None:
+    def __init__(self, cameras: CameraDriver, head: HeadDriver, bus: Bus, stream_rate: float = 5.0) -> None:
         """`stream_rate`: stereo pairs a second on the stream, at most."""
         self._cameras = cameras
         self._head = head

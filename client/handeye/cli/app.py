@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ KNOWN = {
     "camera": RoleVerbs(("camera-bridge",), "camera"),
     "server": RoleVerbs(("server",), "server"),
     "client": RoleVerbs(("run",), "client"),
-    "simulation": RoleVerbs(("teach", "demo"), "all"),
+    "simulation": RoleVerbs(("teach", "place", "demo"), "all"),
 }
 """The roles by the names of their entry points. A role that is not here may still register verbs."""
 
@@ -63,15 +64,15 @@ def build_app(roles: Iterable[EntryPoint] | None = None) -> typer.Typer:
 def run(arguments: list[str]) -> int:
     """Runs the command line `arguments` and returns the exit code.
 
-    Errors of the project and of settings become one line on stderr and exit code 1; Ctrl-C is 130; what remains
-    is a bug and keeps its traceback.
+    Errors of the project and of settings become one line on stderr and exit code 1; Ctrl-C is 130 and TERM 143, as
+    shells have it; what remains is a bug and keeps its traceback.
     """
     try:
         build_app(needed(arguments))(args=arguments, prog_name="handeye")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except KeyboardInterrupt:
-        return 130
+        return 128 + signal.SIGINT
     except Exception as error:
         message = explain(error, arguments)
         if message is None:

@@ -6,7 +6,6 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -131,13 +130,13 @@ def check_platform() -> Finding:
 
 
 def check_writable(subject: str, directory: Path, remedy: str) -> Finding:
-    """A file can be made in `directory`, which is made if need be."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=directory):
-            return Finding(subject, True, str(directory))
-    except OSError as error:
-        return Finding(subject, False, f"{directory}: {error.strerror}", remedy)
+    """Files can be made in `directory`, or it can be made where it is not yet."""
+    nearest = next(each for each in (directory, *directory.absolute().parents) if each.exists())
+    if not nearest.is_dir():
+        return Finding(subject, False, f"{directory}: {nearest} is not a directory", remedy)
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        return Finding(subject, False, f"{directory}: {nearest} may not be written", remedy)
+    return Finding(subject, True, str(directory))
 
 
 def numba_cache() -> Path:

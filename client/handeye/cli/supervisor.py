@@ -26,12 +26,11 @@ TAIL_LINES = 12
 """How many of a dead process's last log lines are shown."""
 
 
-class Terminated(KeyboardInterrupt):
-    """TERM or HUP arrived; unwinds as Ctrl-C does. `signum` is the signal."""
+class Terminated(SystemExit):
+    """TERM or HUP arrived; unwinds to the end of the process, with 128 + signal as exit code, as shells have it."""
 
     def __init__(self, signum: int) -> None:
-        super().__init__(signal.Signals(signum).name)
-        self.signum = signum
+        super().__init__(128 + signum)
 
 
 @contextmanager

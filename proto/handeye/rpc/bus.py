@@ -214,9 +214,8 @@ class Bus(Closing):
     def is_alive(self, service: str, timeout: float = 1.0) -> bool:
         """Whether somebody serves `service` now; False when the bus does not say so within `timeout` s."""
         with suppress(Unavailable, queue.Empty):
-            reply = self._ask(self._session.liveliness().get, key(self._cell, service, "@alive"), timeout).get(
-                timeout=timeout
-            )
+            replies = self._ask(self._session.liveliness().get, key(self._cell, service, "@alive"), timeout)
+            reply = replies.get(timeout=timeout)
             return reply is not None and reply.ok is not None
         return False
 

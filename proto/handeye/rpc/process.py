@@ -39,6 +39,7 @@ def until_stopped(watch_parent: bool = False) -> Iterator[threading.Event]:
             while not any(source == told or not os.read(source, 4096) for source, _event in poll.poll()):
                 pass
         stop.set()
+        signal.alarm(30)  # s; a process that does not end in order by then is ended, so that none is left over
 
     def tell_watcher(*_: object) -> None:
         os.write(tell, b"!")  # setting the Event here could interrupt a `stop.wait` that holds the Event's lock
@@ -53,5 +54,6 @@ def until_stopped(watch_parent: bool = False) -> Iterator[threading.Event]:
             signal.signal(number, handler)
         tell_watcher()
         watcher.join()
+        signal.alarm(0)
         os.close(told)
         os.close(tell)

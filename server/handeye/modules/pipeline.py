@@ -7,6 +7,8 @@
 * I' (`ImageVector`): the action, as the way from hand to object in the stereo image, in px.
 * delta theta (`JointDifference`): how far each joint is to turn, in rad.
 
+The acting loop of `handeye.server.executor` goes this way once for each look.
+
 RSS, recognition and segmentation, finds things. ASM, action specification, says what is to be done about them; the
 subtask goes with it. IJS, image to joints, is the learned module that the thesis used in its real experiments (4.2.5).
 Nothing on this way knows where the cameras or the arm stand: what it needs of that is in the taught samples.
@@ -19,7 +21,6 @@ teaching.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -41,16 +42,6 @@ class Sees(Protocol):
     def see(self, left: Picture, right: Picture, name: str, /) -> ImagePair:
         """Where object and hand are."""
         ...
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """One look, with every station on its way; `answer` says where the difference comes from and its support."""
-
-    found: ImagePair
-    action: ImageVector
-    turn: JointDifference
-    answer: Answer
 
 
 def recognise(recogniser: Sees, left: Picture, right: Picture, object_name: str) -> ImagePair:
@@ -76,20 +67,3 @@ def image_to_joints(
     """
     answer = ijs.answer(input_vector(subtask, action, joints))
     return JointDifference(answer.output), answer
-
-
-def look_and_answer(
-    recogniser: Sees,
-    ijs: Module,
-    left: Picture,
-    right: Picture,
-    *,
-    object_name: str,
-    subtask: int,
-    joints: JointAngles,
-) -> Look:
-    """The whole way: pictures -> RSS -> I -> ASM -> I' -> IJS -> delta theta."""
-    found = recognise(recogniser, left, right, object_name)
-    action = specify_action(found)
-    turn, answer = image_to_joints(ijs, subtask, action, joints)
-    return Look(found, action, turn, answer)

@@ -17,6 +17,7 @@ from handeye.cli.up import Stack
 from handeye.client import Client, HandeyeError
 from handeye.client.models import Job
 from handeye.rpc import Bus
+from handeye.rpc.errors import RpcError
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import CUPS
 from handeye.simulation.places import Place, Purpose, draw
@@ -59,9 +60,11 @@ class Demonstration:
         self._console = console
         self._spec = CUPS[OBJECT]
 
-    def run(self, seed: int, trials: int) -> Report:
-        """Everything, in order. Raises when a process dies or a service is lost; a failed job is a failed trial."""
-        started = time.monotonic()
+    def run(self, seed: int, trials: int, started: float) -> Report:
+        """Everything, in order, on the clock since `started` (of `time.monotonic`).
+
+        Raises when a process dies or a service is lost; a failed job is a failed trial.
+        """
         taught = draw(seed, Purpose.TEACHING, TAUGHT)
         tests = draw(seed, Purpose.TESTING, trials)
         self._teach(seed)
@@ -162,6 +165,7 @@ def run_demo(trials: int, seed: int, directory: Path, console: Console) -> Repor
     The stack has a state directory of its own, so that it does not meet a running `handeye up`; its logs are kept in
     `directory`/logs, also when it fails.
     """
+    started = time.monotonic()
     with ExitStack() as opened:
         state_dir = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="handeye-demo-")))
         opened.callback(_keep_logs, state_dir / "logs", directory / "logs")
@@ -169,8 +173,8 @@ def run_demo(trials: int, seed: int, directory: Path, console: Console) -> Repor
         client = opened.enter_context(Client(stack.url, stack.token))
         lab_bus = opened.enter_context(Bus.open(lab_settings(stack.lab), name="demo"))
         try:
-            report = Demonstration(stack, client, LabClient(lab_bus), console).run(seed, trials)
-        except HandeyeError:
+            report = Demonstration(stack, client, LabClient(lab_bus), console).run(seed, trials, started)
+        except (HandeyeError, RpcError):
             # Say which process died rather than what that did to a call.
             stack.check()
             raise

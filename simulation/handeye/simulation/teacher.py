@@ -132,7 +132,7 @@ class Teacher:
         if scatter is None:
             return
         for pose in scatter.draw(kinematics.forward(goal), random):
-            self._move(_near(pose, goal))
+            self._move(near(pose, goal))
             recorder.look(name)
         self._move(goal)
 
@@ -188,7 +188,7 @@ def looks_per_demonstration() -> int:
     return sum(WAY_POINTS.values()) + 2 * len(WAY_POINTS) + AROUND_APPROACH.count + AROUND_GRASP.count
 
 
-def _near(pose: Array, joints: Array) -> Array:
+def near(pose: Array, joints: Array) -> Array:
     """The joints that reach `pose`, on the branch nearest to `joints`."""
     solutions = kinematics.inverse(pose)
     if not len(solutions):

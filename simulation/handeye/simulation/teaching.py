@@ -1,9 +1,9 @@
-"""The teacher's process: from a state directory to shown sequences."""
+"""What a person does in the laboratory of a running stack: show sequences, put objects down."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Event
 from typing import cast
@@ -18,7 +18,7 @@ from handeye.rpc import Bus, BusSettings, LabBusSettings
 from handeye.rpc.errors import Cancelled
 from handeye.rpc.process import until_stopped
 from handeye.simulation.lab import LabClient
-from handeye.simulation.objects import CUPS
+from handeye.simulation.objects import CUPS, ObjectSpec
 from handeye.simulation.places import Purpose, draw, generator
 from handeye.simulation.teacher import Teacher, looks_per_demonstration
 
@@ -26,23 +26,16 @@ from handeye.simulation.teacher import Teacher, looks_per_demonstration
 def teach(
     *, demonstrations: int, seed: int, task: str, object_name: str, state_dir: Path | None, watch_parent: bool
 ) -> None:
-    """Shows `demonstrations` sequences of `task` to the stack of `state_dir` (None: the default one).
+    """Shows `demonstrations` sequences of `task` to the stack of `state_dir` (None: the default one) and trains it.
 
     Ends early, with the arm braked, by `Cancelled`: on TERM, on Ctrl-C, and with `watch_parent` when stdin ends.
     """
-    if object_name not in CUPS:
-        raise CliError(f"there is no {object_name!r} in the catalogue; there are: {', '.join(CUPS)}")
-    directory = state_dir if state_dir is not None else state.default_state_dir()
-    server = state.read_private(directory / state.SERVER_FILE)
-    buses = cast("dict[str, dict[str, str]]", state.read_private(directory / state.LAB_FILE))
+    spec = _catalogued(object_name)
     with ExitStack() as opened:
         stop = opened.enter_context(until_stopped(watch_parent))
-        bus = opened.enter_context(Bus.open(acting_settings(buses["acting"]), name="teacher"))
-        lab_bus = opened.enter_context(Bus.open(lab_settings(buses["lab"]), name="teacher"))
-        client = opened.enter_context(Client(str(server["url"]), str(server["token"])))
+        robot, lab, client = opened.enter_context(_joined(state_dir))
         bar = opened.enter_context(progress(Console(stderr=True)))
-        robot = RemoteRobot(bus, holder="teacher")
-        teacher = Teacher(robot, LabClient(lab_bus), client, CUPS[object_name], task, lambda _share: check(stop))
+        teacher = Teacher(robot, lab, client, spec, task, lambda _share: check(stop))
         teacher.register_object(seed)
         motions = generator(seed, Purpose.MOTIONS)
         work = bar.add_task(f"teaching {task!r}", total=demonstrations * looks_per_demonstration())
@@ -53,6 +46,37 @@ def teach(
 
         for place in draw(seed, Purpose.TEACHING, demonstrations):
             teacher.demonstrate(place, motions, on_look)
+        client.train(task)
+
+
+def place(*, object_name: str, at: tuple[float, float], seed: int, state_dir: Path | None) -> None:
+    """Sets the laboratory up for the next run: arm parked and free to move, the object alone at `at`, (x, y) in m."""
+    spec = _catalogued(object_name)
+    with _joined(state_dir) as (robot, lab, _client):
+        lab.reset(seed)
+        lab.place(spec, at, yaw=0.0)
+        if robot.state().stopped:
+            robot.reset()
+
+
+def _catalogued(object_name: str) -> ObjectSpec:
+    if object_name not in CUPS:
+        raise CliError(f"there is no {object_name!r} in the catalogue; there are: {', '.join(CUPS)}")
+    return CUPS[object_name]
+
+
+@contextmanager
+def _joined(state_dir: Path | None) -> Iterator[tuple[RemoteRobot, LabClient, Client]]:
+    """The robot, the laboratory and the coordinator of the stack of `state_dir` (None: the default one)."""
+    directory = state_dir if state_dir is not None else state.default_state_dir()
+    server = state.read_private(directory / state.SERVER_FILE)
+    buses = cast("dict[str, dict[str, str]]", state.read_private(directory / state.LAB_FILE))
+    with (
+        Bus.open(acting_settings(buses["acting"]), name="teacher") as bus,
+        Bus.open(lab_settings(buses["lab"]), name="teacher") as lab_bus,
+        Client(str(server["url"]), str(server["token"])) as client,
+    ):
+        yield RemoteRobot(bus, holder="teacher"), LabClient(lab_bus), client
 
 
 def check(stop: Event) -> None:

@@ -1,4 +1,4 @@
-"""The verbs `handeye teach` and `handeye demo`."""
+"""The verbs `handeye teach`, `handeye place` and `handeye demo`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
         state_dir: Annotated[Path | None, typer.Option(help="State directory of the `handeye up` to teach.")] = None,
         watch_parent: Annotated[bool, typer.Option("--watch-parent", help="End when stdin ends.")] = False,
     ) -> None:
-        """Show a running `handeye up` how to grasp a cup, as a person with the teach pendant would."""
+        """Show a running `handeye up` how to grasp a cup, as a person with the teach pendant would, and train it."""
         # Here, not above: every `handeye` command imports this module, few need what teaching needs.
         with silence():
             from handeye.simulation.teaching import teach as run
@@ -36,6 +36,24 @@ def register(app: typer.Typer) -> None:
             state_dir=state_dir,
             watch_parent=watch_parent,
         )
+
+    @app.command("place")
+    def place(
+        object_name: Annotated[str, typer.Argument(metavar="OBJECT", help="Which cup of the catalogue.")],
+        at: Annotated[
+            tuple[float, float],
+            typer.Option(
+                metavar="X Y", help="m; x away from the robot (taught: 0.45..0.75), y to its left (-0.15..0.15)."
+            ),
+        ] = (0.6, 0.0),
+        seed: Annotated[int, typer.Option(min=0, help="Seed of the world's noises.")] = 1,
+        state_dir: Annotated[Path | None, typer.Option(help="State directory of the `handeye up`.")] = None,
+    ) -> None:
+        """Make the world of a running `handeye up` anew: arm parked and free to move, one cup on the table."""
+        with silence():
+            from handeye.simulation.teaching import place as run
+
+        run(object_name=object_name, at=at, seed=seed, state_dir=state_dir)
 
     @app.command("demo")
     def demo(

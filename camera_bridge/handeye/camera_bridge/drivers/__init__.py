@@ -1,4 +1,4 @@
-"""Drivers, one module each: `simulated` (rendered pictures of the simulated lab) and `fake` (for tests, no simulation).
+"""Drivers, one module each: `simulated` renders pictures of the simulated lab.
 
 A driver that can be named in the settings has a function `connect(bus)`, a context manager that gives its
 (`CameraDriver`, `HeadDriver`).
