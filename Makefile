@@ -1,4 +1,4 @@
-# The verbs: make setup demo up test lint bench docs lock clean
+# The verbs: make setup demo up test lint format bench proto lock clean
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin

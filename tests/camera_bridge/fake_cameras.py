@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from dataclasses import replace
 
 import numpy as np
 
-from handeye.camera_bridge.driver import Frame, HeadState, StereoPair
+from handeye.camera_bridge.driver import Frame, HeadState, StereoPair, Tick
 from handeye.camera_bridge.turning import Range, Track, check_limits
 from handeye.rpc.errors import DeadlineExceeded
+
+_TICK = 0.02
 
 
 class FakeClock:
@@ -31,10 +34,18 @@ class FakeClock:
             self._time += duration
             self._changed.notify_all()
 
-    def wait_until(self, world_time: float, timeout: float) -> bool:
+    def wait_until(self, world_time: float, timeout: float, on_tick: Tick | None = None) -> bool:
         """Whether `world_time` comes within `timeout` s of the caller's time."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self._time >= world_time, timeout)
+        deadline = time.monotonic() + timeout
+        while True:
+            if on_tick is not None:
+                on_tick()
+            left = deadline - time.monotonic()
+            with self._changed:
+                if self._changed.wait_for(lambda: self._time >= world_time, min(_TICK, max(left, 0.0))):
+                    return True
+            if left <= 0.0:
+                return False
 
 
 class FakeHead:
@@ -54,9 +65,11 @@ class FakeHead:
         (pan, tilt), moving = self._track.at(now)
         return HeadState(pan, tilt, moving, now)
 
-    def move(self, pan: float, tilt: float, lease_id: str, timeout: float) -> HeadState:
+    def move(self, pan: float, tilt: float, lease_id: str, timeout: float, on_tick: Tick | None = None) -> HeadState:
         """Turns at once, as far as the caller's time is concerned."""
         check_limits(pan, tilt, *self.limits)
+        if on_tick is not None:
+            on_tick()
         now = self._clock()
         self._clock.advance(self._track.turn(now, (pan, tilt)).end - now)
         return self.state()
@@ -77,9 +90,9 @@ class FakeCameras:
         self._skew = skew
         self._newest: dict[str, Frame] = {}
 
-    def grab_stereo(self, not_older_than: float, timeout: float) -> StereoPair:
+    def grab_stereo(self, not_older_than: float, timeout: float, on_tick: Tick | None = None) -> StereoPair:
         """A pair of which neither picture shows a time before `not_older_than` (world time in s)."""
-        left = self._expose("stereo", not_older_than, timeout, self._skew)
+        left = self._expose("stereo", not_older_than, timeout, self._skew, on_tick)
         right = replace(left, world_time=left.world_time + self._skew)
         return StereoPair(left, right, self._skew, replace(self._head.state(), world_time=left.world_time))
 
@@ -90,9 +103,11 @@ class FakeCameras:
     def close(self) -> None:
         """Nothing to release."""
 
-    def _expose(self, camera: str, not_older_than: float, timeout: float, skew: float) -> Frame:
+    def _expose(
+        self, camera: str, not_older_than: float, timeout: float, skew: float, on_tick: Tick | None = None
+    ) -> Frame:
         """The newest picture if it is late enough; the same one again while time stands still."""
-        if not self._clock.wait_until(not_older_than + skew + self.latency, timeout):
+        if not self._clock.wait_until(not_older_than + skew + self.latency, timeout, on_tick):
             raise DeadlineExceeded(
                 f"no picture of world time {not_older_than:.3f} s or later within {timeout:g} s: the newest shows "
                 f"{self._clock() - skew - self.latency:.3f} s"

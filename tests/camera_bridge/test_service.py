@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,10 +12,11 @@ import pytest
 
 from handeye.camera_bridge.remote import RemoteCameras, RemoteHead
 from handeye.camera_bridge.service import CameraService
-from handeye.proto.methods import CAMERA_STEREO, ROBOT_HEARTBEAT
-from handeye.proto.v1 import robot_pb2
+from handeye.proto.methods import CAMERA_GRAB_OBSERVER, CAMERA_GRAB_STEREO, CAMERA_STEREO, ROBOT_HEARTBEAT
+from handeye.proto.v1 import camera_pb2, robot_pb2
+from handeye.robot_bridge.lease import lease_digest
 from handeye.rpc import Bus
-from handeye.rpc.errors import DeadlineExceeded, Unavailable
+from handeye.rpc.errors import DeadlineExceeded, InvalidArgument, Unavailable
 from tests.camera_bridge.fake_cameras import FakeCameras, FakeClock, FakeHead
 
 Join = Callable[[str], Bus]
@@ -63,6 +65,32 @@ def test_the_reason_for_no_picture_arrives_before_the_deadline(served: Served, j
     assert time.monotonic() - started < 0.6
 
 
+@pytest.mark.parametrize("wanted", [math.nan, math.inf, -math.inf])
+def test_a_time_that_is_no_number_is_refused(served: Served, join: Join, wanted: float) -> None:
+    bus = join("client")
+    with pytest.raises(InvalidArgument, match="not_older_than"):
+        bus.call(CAMERA_GRAB_STEREO, camera_pb2.GrabStereoRequest(not_older_than=wanted), timeout=5.0)
+    with pytest.raises(InvalidArgument, match="not_older_than"):
+        bus.call(CAMERA_GRAB_OBSERVER, camera_pb2.GrabObserverRequest(not_older_than=wanted), timeout=5.0)
+
+
+def test_the_stream_survives_a_camera_that_fails(served: Served, join: Join, monkeypatch: pytest.MonkeyPatch) -> None:
+    failed = threading.Event()
+
+    def fail(*_: object) -> None:
+        failed.set()
+        raise ZeroDivisionError
+
+    with join("watcher").subscribe(CAMERA_STEREO) as stream:
+        with monkeypatch.context() as broken:
+            broken.setattr(served.cameras, "grab_stereo", fail)
+            assert failed.wait(5.0)
+        while stream.newest(0.0) is not None:
+            pass
+        served.clock.advance(0.1)
+        assert stream.newest(5.0) is not None
+
+
 def test_nobody_watching_means_no_pictures(served: Served, join: Join) -> None:
     before = served.cameras.grab_stereo(0.0, 1.0).left.sequence
     for _ in range(10):  # of the stream's periods
@@ -88,7 +116,7 @@ def test_a_head_move_keeps_the_lease_alive(served: Served, join: Join) -> None:
     beaten = threading.Event()
 
     def on_beat(message: robot_pb2.Heartbeat) -> None:
-        beats.append(message.lease_id)
+        beats.append(message.lease_digest)
         beaten.set()
 
     with join("robot-bridge").subscribe(ROBOT_HEARTBEAT, on_beat):
@@ -97,7 +125,7 @@ def test_a_head_move_keeps_the_lease_alive(served: Served, join: Join) -> None:
         while not beaten.is_set() and time.monotonic() < deadline:
             RemoteHead(bus).move(0.1, 0.0, "the lease", 5.0)
             RemoteHead(bus).move(0.0, 0.0, "the lease", 5.0)
-    assert set(beats) == {"the lease"}
+    assert set(beats) == {lease_digest("the lease")}
 
 
 def test_after_closing_nobody_answers(join: Join) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from handeye.rpc.errors import Busy, DeadlineExceeded, Unauthorised
+from handeye.rpc.errors import Busy, Cancelled, DeadlineExceeded, Stopped, Unauthorised
 from handeye.simulation import objects, rig
 from handeye.simulation.profile import Profile
 from handeye.simulation.scene import STEP
@@ -103,7 +103,7 @@ def test_a_cup_shows_where_projection_says(there: There) -> None:
 def test_the_head_turns_with_world_time_at_its_speed(there: There) -> None:
     unit = rig.rig().head
     pan = math.radians(70)
-    reached = there.eyes.head.move(pan, HOME_TILT, there.eyes.lease_id, TIMEOUT)
+    reached = there.eyes.head.move(pan, HOME_TILT, there.eyes.lease_id, TIMEOUT, there.eyes.beat)
     expected = pan / unit.speed + unit.speed / unit.acceleration
     assert reached.world_time == pytest.approx(expected, abs=2 * STEP)
     assert reached.pan == pytest.approx(pan, abs=PROFILE.head_step / 2)
@@ -112,7 +112,7 @@ def test_the_head_turns_with_world_time_at_its_speed(there: There) -> None:
 
 def test_the_picture_turns_with_the_head(there: There) -> None:
     there.lab.world.place(objects.CUPS["red tumbler"], [0.6, 0.0])
-    there.eyes.head.move(0.1, HOME_TILT, there.eyes.lease_id, TIMEOUT)
+    there.eyes.head.move(0.1, HOME_TILT, there.eyes.lease_id, TIMEOUT, there.eyes.beat)
     image = there.grab_at_rest().astype(int)
     red = (image[..., 0] - image[..., 1:].max(axis=2)) > 60
     head = there.eyes.head.state()
@@ -125,7 +125,7 @@ def test_the_picture_turns_with_the_head(there: There) -> None:
 def test_a_reset_sends_the_head_home(there: There) -> None:
     home = there.eyes.head.state()
     assert (home.pan, home.tilt) == pytest.approx((HOME_PAN, HOME_TILT), abs=PROFILE.head_step)
-    there.eyes.head.move(0.2, -0.4, there.eyes.lease_id, TIMEOUT)
+    there.eyes.head.move(0.2, -0.4, there.eyes.lease_id, TIMEOUT, there.eyes.beat)
     there.lab.world.place(objects.CUPS["blue cup"], [0.6, 0.05])
     there.lab.world.remove("blue cup")
     assert there.eyes.head.state().pan != 0.0  # placements are no resets
@@ -144,31 +144,62 @@ def test_the_head_needs_the_lease_in_lockstep(there: There) -> None:
     assert (after.pan, after.tilt, after.moving) == (before.pan, before.tilt, False)
 
 
-@contextmanager
-def _realtime() -> Iterator[There]:
+@pytest.fixture
+def realtime() -> Iterator[There]:
     with lab(clock="realtime") as made, eyes_of(made) as eyes:
         yield There(made, eyes)
 
 
-def test_in_realtime_the_head_turns_by_itself_and_for_one_caller() -> None:
-    with _realtime() as there:
-        errors: list[Exception] = []
+def test_in_realtime_the_head_turns_by_itself_and_for_one_caller(realtime: There) -> None:
+    head, lease_id, beat = realtime.eyes.head, realtime.eyes.lease_id, realtime.eyes.beat
+    errors: list[Exception] = []
 
-        def turn() -> None:
-            try:
-                there.eyes.head.move(0.6, HOME_TILT, "", TIMEOUT)
-            except Exception as error:
-                errors.append(error)
+    def turn() -> None:
+        try:
+            head.move(0.6, HOME_TILT, lease_id, TIMEOUT, beat)
+        except Exception as error:
+            errors.append(error)
 
-        mover = threading.Thread(target=turn)
-        mover.start()
-        while not there.eyes.head.state().moving and mover.is_alive():
-            pass
-        with pytest.raises(Busy, match="turning"):
-            there.eyes.head.move(0.0, HOME_TILT, "", TIMEOUT)
-        mover.join()
-        assert not errors
-        reached = there.eyes.head.state()
-        assert reached.pan == pytest.approx(0.6, abs=PROFILE.head_step)
-        pair = there.eyes.cameras.grab_stereo(reached.world_time, TIMEOUT)
-        assert pair.head.pan == reached.pan
+    mover = threading.Thread(target=turn)
+    mover.start()
+    while not head.state().moving and mover.is_alive():
+        pass
+    with pytest.raises(Busy, match="turning"):
+        head.move(0.0, HOME_TILT, lease_id, TIMEOUT, beat)
+    mover.join()
+    assert not errors
+    reached = head.state()
+    assert reached.pan == pytest.approx(0.6, abs=PROFILE.head_step)
+    pair = realtime.eyes.cameras.grab_stereo(reached.world_time, TIMEOUT)
+    assert pair.head.pan == reached.pan
+
+
+def test_in_realtime_the_head_needs_the_lease_and_a_robot_that_is_not_stopped(realtime: There) -> None:
+    home = realtime.eyes.head.state()
+    with pytest.raises(Unauthorised):
+        realtime.eyes.head.move(0.6, HOME_TILT, "no lease", TIMEOUT)
+    realtime.lab.robot.stop("a test")
+    with pytest.raises(Stopped, match="a test"):
+        realtime.eyes.head.move(0.6, HOME_TILT, realtime.eyes.lease_id, TIMEOUT, realtime.eyes.beat)
+    after = realtime.eyes.head.state()
+    assert (after.pan, after.tilt, after.moving) == (home.pan, home.tilt, False)
+
+
+def test_a_cancelled_head_move_halts_the_head_and_latches_no_stop(realtime: There) -> None:
+    head = realtime.eyes.head
+
+    def cancelled_while_it_turns() -> None:
+        realtime.eyes.beat()
+        if abs(head.state().pan) > 0.05:
+            raise Cancelled("a test")
+
+    with pytest.raises(Cancelled, match="a test"):
+        head.move(1.2, HOME_TILT, realtime.eyes.lease_id, TIMEOUT, cancelled_while_it_turns)
+    halted = head.state()
+    assert not halted.moving
+    assert 0.05 < halted.pan < 1.1
+    deadline = time.monotonic() + 5.0
+    while realtime.lab.robot.state().moving:
+        assert time.monotonic() < deadline
+    assert not realtime.lab.robot.state().stopped
+    assert head.state().pan == halted.pan

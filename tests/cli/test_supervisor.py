@@ -54,20 +54,22 @@ def alive(pid: int) -> bool:
     return process_state(pid) not in ("", "Z")
 
 
-def test_closing_ends_children_in_reverse_order(tmp_path: Path, no_orphans: Callable[[], set[int]]) -> None:
-    trace = tmp_path / "trace"
+def test_closing_tells_all_children_before_it_waits_for_one(tmp_path: Path, no_orphans: Callable[[], set[int]]) -> None:
+    # Each ends only once all of them have been told to.
     code = (
-        "import signal, sys, pathlib\n"
+        "import pathlib, signal, sys, time\n"
+        f"told = pathlib.Path({str(tmp_path)!r})\n"
         "def end(*_):\n"
-        f"    with pathlib.Path({str(trace)!r}).open('a') as f: f.write(sys.argv[1])\n"
+        "    (told / f'told-{sys.argv[1]}').touch()\n"
+        "    while len(list(told.glob('told-*'))) < 3: time.sleep(0.01)\n"
         "    sys.exit(0)\n"
         "signal.signal(signal.SIGTERM, end); print('started', flush=True); sys.stdin.read()"
     )
     with Supervisor(tmp_path) as supervisor:
-        for name in "abc":
-            child = supervisor.start(name, [sys.executable, "-c", code, name], os.environ)
-            supervisor.wait_until(started(child), 10, name)
-    assert trace.read_text() == "cba"
+        children = [supervisor.start(name, [sys.executable, "-c", code, name], os.environ) for name in "abc"]
+        for child in children:
+            supervisor.wait_until(started(child), 10, child.name)
+    assert [child.returncode for child in children] == [0, 0, 0]
     assert no_orphans() == set()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 from handeye.client import ApiError, Client, HandeyeError, JobFailed, NotConfigured, UnexpectedAnswer, Unreachable
 from handeye.client.connection import Connection, find, state_file
 from handeye.client.models import Job
-from handeye.client.verbs import register
+from handeye.client.verbs import register, signals_unwind
 
 Handler = Callable[[httpx2.Request], httpx2.Response]
 
@@ -160,6 +161,15 @@ def test_a_damaged_state_file_is_named(home: Path, text: str) -> None:
         find()
 
 
+AT = ["--url", "http://coordinator", "--token", "secret"]
+
+
+def verbs() -> typer.Typer:
+    app = typer.Typer()
+    register(app)
+    return app
+
+
 def run_verb(monkeypatch: pytest.MonkeyPatch, ended: dict[str, object], look: dict[str, object]) -> tuple[int, str]:
     """`handeye run` against a coordinator whose job ends as `ended`; returns exit code and output."""
     subtask = {"name": "grasp", "state": "running"}
@@ -171,11 +181,9 @@ def run_verb(monkeypatch: pytest.MonkeyPatch, ended: dict[str, object], look: di
             return httpx2.Response(202, json=job("running"))
         return stream if request.url.path.endswith("/events") else httpx2.Response(200, json=ended)
 
-    app = typer.Typer()
-    register(app)
-    arguments = ["grasp", "--object", "cup", "--one-look", "--url", "http://coordinator", "--token", "secret"]
+    arguments = ["run", "grasp", "--object", "cup", "--one-look", *AT]
     monkeypatch.setattr("handeye.client.verbs.Client", lambda *_: client(answer))
-    result = CliRunner().invoke(app, arguments)
+    result = CliRunner().invoke(verbs(), arguments)
     if result.exception is not None and isinstance(result.exception, HandeyeError):
         return result.exit_code, result.output + str(result.exception)
     return result.exit_code, result.output
@@ -197,3 +205,68 @@ def test_the_command_fails_with_the_jobs_reason(monkeypatch: pytest.MonkeyPatch)
     assert code != 0
     assert "the robot is stopped" in output
     assert "secret" not in output
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_cancels_the_job_of_the_command(monkeypatch: pytest.MonkeyPatch, number: signal.Signals) -> None:
+    asked: list[str] = []
+    before = signal.getsignal(number)
+
+    def answer(request: httpx2.Request) -> httpx2.Response:
+        asked.append(request.url.path)
+        if request.url.path.endswith("/events"):
+            signal.raise_signal(number)
+        return httpx2.Response(202, json=job("running"))
+
+    monkeypatch.setattr("handeye.client.verbs.Client", lambda *_: client(answer))
+    result = CliRunner().invoke(verbs(), ["run", "grasp", "--object", "cup", *AT])
+    assert result.exit_code == 128 + number
+    assert asked == ["/v1/tasks/grasp/runs", "/v1/jobs/j1/events", "/v1/jobs/j1/cancel"]
+    assert signal.getsignal(number) is before
+
+
+def test_an_ignored_hup_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with signals_unwind():
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "path", "body"),
+    [
+        (["stop"], "/v1/robot/stop", {"reason": "a person asked for it"}),
+        (["stop", "--reason", "a cat"], "/v1/robot/stop", {"reason": "a cat"}),
+        (["reset"], "/v1/robot/reset", None),
+    ],
+)
+def test_the_robot_is_stopped_and_reset(
+    monkeypatch: pytest.MonkeyPatch, arguments: list[str], path: str, body: dict[str, str] | None
+) -> None:
+    asked: list[tuple[str, object]] = []
+    robot = {
+        "world_time": 1.0,
+        "joints": [0.0] * 6,
+        "velocities": [0.0] * 6,
+        "gripper_opening": 0.09,
+        "moving": False,
+        "stopped": arguments[0] == "stop",
+        "still_since": 0.0,
+        "lease_holder": "",
+    }
+
+    def answer(request: httpx2.Request) -> httpx2.Response:
+        asked.append((request.url.path, json.loads(request.content) if request.content else None))
+        return httpx2.Response(200, json=robot)
+
+    monkeypatch.setattr("handeye.client.verbs.Client", lambda *_: client(answer))
+    result = CliRunner().invoke(verbs(), [*arguments, *AT])
+    assert (result.exit_code, asked) == (0, [(path, body)])
+
+
+def test_a_stop_that_cannot_be_done_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("handeye.client.verbs.Client", lambda *_: client(lambda _: httpx2.Response(503)))
+    result = CliRunner().invoke(verbs(), ["stop", *AT])
+    assert isinstance(result.exception, ApiError)

@@ -26,11 +26,12 @@ from tests.camera_bridge.fake_cameras import FakeCameras, FakeClock, FakeHead
 
 @dataclass(frozen=True)
 class Eyes:
-    """Cameras and head, the lease under which the head may turn, and how to let world time pass."""
+    """Cameras and head, the lease under which the head may turn, its heartbeat, and how to let world time pass."""
 
     cameras: CameraDriver
     head: HeadDriver
     lease_id: str
+    beat: Callable[[], None]
     advance: Callable[[float], object]
 
 
@@ -55,7 +56,7 @@ def ending_what_it_starts() -> Iterator[None]:
 def fake() -> Iterator[Eyes]:
     clock = FakeClock()
     head = FakeHead(clock)
-    yield Eyes(FakeCameras(clock, head), head, "", clock.advance)
+    yield Eyes(FakeCameras(clock, head), head, "", lambda: None, clock.advance)
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def eyes_of(there: Lab) -> Iterator[Eyes]:
         Bus.open(there.acting, "camera-bridge") as bus,
         connect(there.lab, bus, 5.0, threading.Event()) as (cameras, head),
     ):
-        yield Eyes(cameras, head, there.robot.lease_id, there.robot.advance)
+        yield Eyes(cameras, head, there.robot.lease_id, there.robot.beat, there.robot.advance)
 
 
 @contextmanager
@@ -116,7 +117,7 @@ def over_the_bus(made: Callable[[], AbstractContextManager[Eyes]]) -> Iterator[E
         CameraService(served.cameras, served.head, bridge),
         Bus.open(settings, "contract") as bus,
     ):
-        yield Eyes(RemoteCameras(bus), RemoteHead(bus), served.lease_id, served.advance)
+        yield Eyes(RemoteCameras(bus), RemoteHead(bus), served.lease_id, served.beat, served.advance)
 
 
 EYES: dict[str, Callable[[], AbstractContextManager[Eyes]]] = {

@@ -62,6 +62,24 @@ def test_a_picture_of_the_future_ends_with_the_deadline(eyes: Eyes, observer: bo
     assert 0.3 < time.monotonic() - started < 3.0
 
 
+def test_what_the_tick_raises_ends_the_wait(eyes: Eyes) -> None:
+    class Enough(Exception):
+        pass
+
+    ticks = 0
+
+    def tick() -> None:
+        nonlocal ticks
+        ticks += 1
+        if ticks == 5:
+            raise Enough
+
+    started = time.monotonic()
+    with pytest.raises(Enough):
+        eyes.cameras.grab_stereo(eyes.head.state().world_time + 1000.0, TIMEOUT, tick)
+    assert time.monotonic() - started < 3.0
+
+
 def test_new_pictures_are_counted_and_old_ones_are_not(eyes: Eyes) -> None:
     first = eyes.cameras.grab_stereo(0.0, TIMEOUT)
     again = eyes.cameras.grab_stereo(0.0, TIMEOUT)

@@ -26,7 +26,7 @@ def eyes(request: pytest.FixtureRequest) -> Iterator[Eyes]:
 
 def test_a_move_returns_what_was_reached(eyes: Eyes) -> None:
     before = eyes.head.state()
-    reached = eyes.head.move(0.11, -0.31, eyes.lease_id, TIMEOUT)
+    reached = eyes.head.move(0.11, -0.31, eyes.lease_id, TIMEOUT, eyes.beat)
     assert not reached.moving
     assert (reached.pan, reached.tilt) == pytest.approx((0.11, -0.31), abs=eyes.head.step / 2 + 1e-9)
     assert eyes.head.state() == reached
@@ -36,7 +36,7 @@ def test_a_move_returns_what_was_reached(eyes: Eyes) -> None:
 
 def test_a_move_to_where_it_points_changes_nothing(eyes: Eyes) -> None:
     before = eyes.head.state()
-    after = eyes.head.move(before.pan, before.tilt, eyes.lease_id, TIMEOUT)
+    after = eyes.head.move(before.pan, before.tilt, eyes.lease_id, TIMEOUT, eyes.beat)
     assert (after.pan, after.tilt, after.moving) == (before.pan, before.tilt, False)
 
 
@@ -50,12 +50,12 @@ def test_it_refuses_what_is_out_of_range(eyes: Eyes, axis: str, side: int) -> No
     before = eyes.head.state()
     pan, tilt = (pan_range[side] + beyond, 0.0) if axis == "pan" else (0.0, tilt_range[side] + beyond)
     with pytest.raises(OutOfLimits, match=axis):
-        eyes.head.move(pan, tilt, eyes.lease_id, TIMEOUT)
+        eyes.head.move(pan, tilt, eyes.lease_id, TIMEOUT, eyes.beat)
     assert eyes.head.state() == before
 
 
 def test_a_picture_says_where_the_head_pointed(eyes: Eyes) -> None:
-    reached = eyes.head.move(-0.07, -0.4, eyes.lease_id, TIMEOUT)
+    reached = eyes.head.move(-0.07, -0.4, eyes.lease_id, TIMEOUT, eyes.beat)
     eyes.advance(0.1)
     pair = eyes.cameras.grab_stereo(reached.world_time, TIMEOUT)
     assert (pair.head.pan, pair.head.tilt, pair.head.moving) == (reached.pan, reached.tilt, False)

@@ -181,7 +181,7 @@ def test_wrong_arguments_are_refused_before_anything_moves(robot: RobotDriver) -
         for command in (robot.move_to_joints, robot.adjust_joints):
             with pytest.raises(InvalidArgument):
                 command(np.array(wrong))
-    for pace in (Pace(0.0, 0.5), Pace(1.5, 0.5), Pace(0.5, -0.1), Pace(0.5, np.nan)):
+    for pace in (Pace(0.0, 0.5), Pace(1e-320, 0.5), Pace(1.5, 0.5), Pace(0.5, -0.1), Pace(0.5, np.nan)):
         with pytest.raises(InvalidArgument):
             robot.adjust_joints(nudge(robot), pace)
     for duration in (-0.1, np.nan, np.inf):
@@ -208,15 +208,19 @@ def test_joint_limits_are_kept_and_the_joint_is_named(robot: RobotDriver) -> Non
 
 def test_the_first_move_after_a_reset_is_ramped(robot: RobotDriver) -> None:
     delta = nudge(robot)
+    robot.adjust_joints(delta, BRISK)  # some ramp the first move of all, too
+    robot.park(BRISK)
     times = [robot.state().world_time]
     times.append(robot.adjust_joints(delta, BRISK).world_time)
     robot.stop("to be reset")
     times.append(robot.reset().world_time)
     with pytest.raises(OutOfLimits):  # what is refused is no first move
         robot.adjust_joints(np.full_like(delta, 10.0))
+    robot.adjust_joints(np.zeros_like(delta))  # nor is what goes nowhere
+    times.append(robot.state().world_time)
     times.append(robot.adjust_joints(-delta, BRISK).world_time)
     times.append(robot.adjust_joints(delta, BRISK).world_time)
-    usual, _, ramped, again = np.diff(times)
+    usual, _, _, ramped, again = np.diff(times)
     assert ramped > 1.5 * usual
     assert again == pytest.approx(usual, rel=0.3)
 

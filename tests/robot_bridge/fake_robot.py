@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch, unwatched
-from handeye.robot_bridge.limits import DEFAULT_PACE
+from handeye.robot_bridge.limits import DEFAULT_PACE, check_pace
 from handeye.rpc.errors import Busy, InvalidArgument, OutOfLimits, Stopped, Unreachable
 
 STEP = 1 / 240  # s
@@ -84,22 +84,22 @@ class FakeRobot:
 
     def move_to_joints(self, joints: Joints, pace: Pace = DEFAULT_PACE, watch: Watch = unwatched) -> RobotState:
         _check(joints, N)
-        if not (0 < pace.speed <= 1 and 0 < pace.acceleration <= 1):
-            raise InvalidArgument("pace")
+        check_pace(pace)
         for name, value, lower, upper in zip(
             self._description.joint_names, joints, self._description.lower, self._description.upper, strict=True
         ):
             if not lower - self.tolerance <= value <= upper + self.tolerance:
                 raise OutOfLimits(f"{name} would be {value}")
         share = min(pace.speed, 0.2) if self._ramped else pace.speed
-        self._ramped = False
         start = self._joints.copy()
         duration = float(np.max(np.abs(joints - start) / (self._description.speed * share)))
 
         def go(fraction: float) -> None:
             self._joints = start + fraction * (joints - start)
 
-        return self._run(duration, go, watch)
+        reached = self._run(duration, go, watch)
+        self._ramped = self._ramped and float(np.abs(joints - start).max()) < 0.01
+        return reached
 
     def adjust_joints(self, delta: Joints, pace: Pace = DEFAULT_PACE, watch: Watch = unwatched) -> RobotState:
         _check(delta, N)

@@ -61,6 +61,24 @@ def test_nothing_is_left_of_a_bridge_that_finds_no_router(monkeypatch: pytest.Mo
 
     monkeypatch.setenv("HANDEYE_BUS_ENDPOINT", free_endpoint())
     monkeypatch.setenv("HANDEYE_LAB_BUS_ENDPOINT", free_endpoint())
+    monkeypatch.setenv("HANDEYE_LAB_BUS_USER", "lab")
+    monkeypatch.setenv("HANDEYE_LAB_BUS_PASSWORD", "secret of the lab")
     monkeypatch.setattr(bridge, "ROUTER_TIMEOUT", 0.2)
     with pytest.raises(Unavailable):
         bridge.run(RobotBridgeSettings(), threading.Event())
+
+
+@pytest.mark.parametrize("given", [{}, {"USER": "lab"}, {"PASSWORD": "secret of the lab"}])
+def test_no_lab_bus_without_credentials_of_its_own(given: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    from handeye.robot_bridge import bridge
+    from handeye.rpc.errors import Unauthorised
+
+    for name in ("USER", "PASSWORD"):
+        monkeypatch.delenv(f"HANDEYE_LAB_BUS_{name}", raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(f"HANDEYE_LAB_BUS_{name}", value)
+    with (
+        pytest.raises(Unauthorised, match="set HANDEYE_LAB_BUS_USER and HANDEYE_LAB_BUS_PASSWORD"),
+        bridge.open_robot(RobotBridgeSettings()),
+    ):
+        pass

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from handeye.proto.v1 import robot_pb2
 from handeye.robot_bridge import convert
 from handeye.robot_bridge.driver import Pace, RobotState
+from handeye.robot_bridge.limits import LEAST_PACE
 from handeye.rpc.errors import Internal, InvalidArgument
 from tests.robot_bridge.fake_robot import FakeRobot
 
@@ -56,7 +57,7 @@ def test_a_clock_that_nobody_knows_is_an_error() -> None:
 
 
 @settings(deadline=None)
-@given(st.floats(0.0, 1.0, exclude_min=True), st.floats(0.0, 1.0, exclude_min=True))
+@given(st.floats(LEAST_PACE, 1.0), st.floats(LEAST_PACE, 1.0))
 def test_a_pace_survives_the_bus(speed: float, acceleration: float) -> None:
     pace = Pace(speed, acceleration)
     assert convert.pace_from_message(convert.pace_to_message(pace)) == pace

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from handeye.robot_bridge.lease import TAKEOVER_AFTER, LeaseKeeper
+from handeye.robot_bridge.lease import TAKEOVER_AFTER, LeaseKeeper, lease_digest
 from handeye.rpc.errors import Busy, InvalidArgument, Unauthorised
 
 
@@ -60,9 +60,10 @@ def test_a_silent_lease_may_be_taken_over_and_is_then_lost(leases: LeaseKeeper, 
 def test_a_heartbeat_keeps_it_and_only_the_holders_counts(leases: LeaseKeeper, clock: Clock) -> None:
     lease_id = leases.acquire("teacher")
     clock.now += 1.5
-    leases.beat("somebody else's")
-    assert leases.silence(lease_id) == 1.5
-    leases.beat(lease_id)
+    for wrong in ("somebody else's", "", lease_digest("somebody else's"), lease_id):
+        leases.beat(wrong)
+        assert leases.silence(lease_id) == 1.5
+    leases.beat(lease_digest(lease_id))
     assert leases.silence(lease_id) == 0.0
     clock.now += 1.5
     with pytest.raises(Busy):
@@ -120,5 +121,5 @@ def test_a_waiting_motion_wakes_with_the_heartbeat(leases: LeaseKeeper) -> None:
     waiter = threading.Thread(target=wait)
     waiter.start()
     while not woken.wait(0.01):  # bounded by the wait's own 10 s
-        leases.beat(lease_id)
+        leases.beat(lease_digest(lease_id))
     waiter.join()

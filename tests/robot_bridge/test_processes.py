@@ -173,7 +173,8 @@ def test_the_lab_bus_wants_its_own_credentials(lab: Lab) -> None:
 
 def test_the_bridge_ends_when_it_is_told_to_or_its_parent_dies(router_endpoint: str) -> None:
     bus_env = {"HANDEYE_BUS_ENDPOINT": router_endpoint, "HANDEYE_BUS_CELL": "another"}
-    env = {**os.environ, **bus_env, "HANDEYE_LAB_BUS_ENDPOINT": free_endpoint()}
+    lab_env = {"HANDEYE_LAB_BUS_USER": "lab", "HANDEYE_LAB_BUS_PASSWORD": "secret of the lab"}
+    env = {**os.environ, **bus_env, **lab_env, "HANDEYE_LAB_BUS_ENDPOINT": free_endpoint()}
     with (
         subprocess.Popen([*HANDEYE, "robot-bridge", "--watch-parent"], env=env, stdin=subprocess.PIPE) as child,
         Bus.open(BusSettings(endpoint=router_endpoint, cell="another"), "tests", timeout=20.0) as bus,

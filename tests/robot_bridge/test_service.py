@@ -10,18 +10,20 @@ from typing import Literal
 
 import numpy as np
 import pytest
+import structlog
 
 from handeye.proto.methods import (
     ROBOT_ACQUIRE_LEASE,
     ROBOT_ADVANCE,
     ROBOT_GET_STATE,
+    ROBOT_HEARTBEAT,
     ROBOT_MOVE_TO_JOINTS,
     ROBOT_PARK,
     ROBOT_RELEASE_LEASE,
     ROBOT_STATE,
 )
 from handeye.proto.v1 import robot_pb2
-from handeye.robot_bridge.driver import Pace
+from handeye.robot_bridge.driver import Pace, RobotState
 from handeye.robot_bridge.lease import HEARTBEAT_PERIOD, SILENCE_LIMIT
 from handeye.robot_bridge.remote import RemoteRobot, heartbeat
 from handeye.robot_bridge.service import RobotService
@@ -371,6 +373,43 @@ def test_heartbeats_of_others_do_not_count(join: Join, robot: RemoteRobot) -> No
     wrong = heartbeat(stranger, "0" * 32)
     with pytest.raises(Stopped, match="'teacher' has been silent"):
         bus.call(ROBOT_ADVANCE, request, timeout=5.0, on_tick=wrong)
+
+
+def test_no_stream_carries_the_lease(robot: RemoteRobot, join: Join) -> None:
+    console = join("console")
+    heard: dict[str, list[bytes]] = {"heartbeat": [], "state": []}
+    with (
+        console.subscribe(ROBOT_HEARTBEAT, lambda beat: heard["heartbeat"].append(beat.SerializeToString())),
+        console.subscribe(ROBOT_STATE, lambda state: heard["state"].append(state.SerializeToString())),
+        robot.lease(),
+    ):
+        lease_id = robot.lease_id
+        for part in heard.values():
+            part.clear()
+        robot.advance(0.1)
+        wait_until(lambda: all(heard.values()))
+        assert not [said for said in heard["heartbeat"] + heard["state"] if lease_id.encode() in said]
+
+
+def test_the_state_stream_survives_whatever_a_driver_raises(join: Join, fake: FakeRobot) -> None:
+    newest: list[float] = []
+    state, failures = fake.state, [ValueError("no number"), OSError("no cable")]
+
+    def failing() -> RobotState:
+        if failures:
+            raise failures.pop()
+        return state()
+
+    with (
+        structlog.testing.capture_logs() as logs,
+        join("console").subscribe(ROBOT_STATE, lambda message: newest.append(message.world_time)),
+    ):
+        wait_until(lambda: bool(newest))
+        fake.state = failing  # type: ignore[method-assign]
+        wait_until(lambda: not failures)
+        newest.clear()
+        wait_until(lambda: bool(newest))
+    assert [(log["event"], log["exc_info"]) for log in logs] == [("no state to publish", True)]
 
 
 def test_no_lease_id_is_logged(join: Join, capsys: pytest.CaptureFixture[str]) -> None:

@@ -330,6 +330,21 @@ class TestIdempotency:
             assert first.result().world_time == second.result().world_time == 9.0
         assert (calls, seen) == ([1], [0.5])
 
+    def test_a_call_whose_callers_left_is_executed_again(self, client: Bus, server_bus: Bus) -> None:
+        calls: list[int] = []
+
+        def wait_once(_request: AdvanceRequest, call: Call) -> RobotState:
+            calls.append(1)
+            while len(calls) == 1:
+                call.check()
+                time.sleep(0.005)
+            return RobotState(world_time=2.0)
+
+        with server_bus.serve({ROBOT_ADVANCE: wait_once}):
+            with pytest.raises(errors.DeadlineExceeded):
+                client.call(ROBOT_ADVANCE, AdvanceRequest(), 0.2, idempotency_id="a")
+            assert client.call(ROBOT_ADVANCE, AdvanceRequest(), 2.0, idempotency_id="a").world_time == 2.0
+
     def test_call_ends_when_all_its_callers_have_left(self, client: Bus, server_bus: Bus) -> None:
         handler = UntilCancelled()
         with server_bus.serve({ROBOT_ADVANCE: handler}), ThreadPoolExecutor(2) as pool:

@@ -40,13 +40,13 @@ def test_callback(client: Bus, server_bus: Bus) -> None:
     got, arrived = [], threading.Event()
 
     def take(beat: Heartbeat) -> None:
-        got.append(beat.lease_id)
+        got.append(beat.lease_digest)
         arrived.set()
 
     with client.subscribe(ROBOT_HEARTBEAT, take):
-        server_bus.publish(ROBOT_HEARTBEAT, Heartbeat(lease_id="7"))
+        server_bus.publish(ROBOT_HEARTBEAT, Heartbeat(lease_digest="7"))
         assert arrived.wait(2.0)
-    server_bus.publish(ROBOT_HEARTBEAT, Heartbeat(lease_id="8"))
+    server_bus.publish(ROBOT_HEARTBEAT, Heartbeat(lease_digest="8"))
     assert got == ["7"]
 
 
@@ -54,12 +54,12 @@ def test_a_failing_callback_is_logged_and_called_again(client: Bus, server_bus: 
     got = []
 
     def fail(beat: Heartbeat) -> None:
-        got.append(beat.lease_id)
-        raise ValueError(beat.lease_id)
+        got.append(beat.lease_digest)
+        raise ValueError(beat.lease_digest)
 
     with structlog.testing.capture_logs() as logs, client.subscribe(ROBOT_HEARTBEAT, fail):
         for number in range(2):
-            server_bus.publish(ROBOT_HEARTBEAT, Heartbeat(lease_id=str(number)))
+            server_bus.publish(ROBOT_HEARTBEAT, Heartbeat(lease_digest=str(number)))
             assert eventually(lambda number=number: len(got) > number)  # type: ignore[misc]
     assert [log["event"] for log in logs] == ["stream callback failed"] * 2
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from handeye.camera_bridge.driver import Frame, HeadState, Image, StereoPair
+from handeye.camera_bridge.driver import Frame, HeadState, Image, StereoPair, Tick
 from handeye.modules.module import warm_up
 from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ImagePair, ImagePoint
@@ -66,6 +66,7 @@ class ToyRobot:
         self.on_step: threading.Event | None = None
         self.hang = False
         self.pause = threading.Event()
+        self.beats = 0
 
     description = RobotDescription(
         joint_names=tuple(f"joint{n}" for n in range(1, 7)),
@@ -87,6 +88,9 @@ class ToyRobot:
             yield
         finally:
             self.leased = False
+
+    def beat(self) -> None:
+        self.beats += 1
 
     def state(self) -> RobotState:
         if isinstance(self.fail_with, Unavailable):
@@ -183,10 +187,18 @@ class ToyCameras:
         self.world = world
         self.fail_with: RpcError | None = None
         self.sequence = 0
+        self.gate: threading.Event | None = None
+        """Pictures are waited for until it is set."""
+        self.waiting = threading.Event()
+        """Somebody waits for a picture."""
 
-    def grab_stereo(self, not_older_than: float, timeout: float) -> StereoPair:
+    def grab_stereo(self, not_older_than: float, timeout: float, on_tick: Tick | None = None) -> StereoPair:
         if self.fail_with is not None:
             raise self.fail_with
+        while self.gate is not None and not self.gate.wait(0.005):
+            self.waiting.set()
+            if on_tick is not None:
+                on_tick()
         newest = self.world.time - LATENCY
         if newest < not_older_than:
             raise DeadlineExceeded(f"the newest pair shows {newest:.3f} s, {not_older_than:.3f} s was asked for")

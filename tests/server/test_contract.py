@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from handeye.robot_bridge.driver import RobotDriver
+from handeye.server.acting import LeasedRobot
 
 EVERYTHING = """
 import importlib, pkgutil, sys
@@ -36,3 +40,19 @@ def test_importing_all_of_it_imports_nothing_forbidden(
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[]"
+
+
+def test_the_import_contracts_hold() -> None:
+    script = "from importlinter.cli import lint_imports_command; lint_imports_command()"
+    root = Path(__file__).parents[2]  # where pyproject.toml has the contracts
+    done = subprocess.run(
+        [sys.executable, "-c", script, "--no-cache"], cwd=root, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert " 0 broken" in done.stdout
+
+
+def test_what_the_acting_side_holds_has_no_inverse_kinematics() -> None:
+    by_coordinates = {"move_to_point", "move_to_joints", "park"}
+    assert by_coordinates <= set(dir(RobotDriver))
+    assert not by_coordinates & set(dir(LeasedRobot))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -164,6 +166,31 @@ def test_robot_state_stop_and_reset(lab: Lab, http: TestClient) -> None:
     assert not http.post("/v1/robot/reset").json()["stopped"]
     lab.world.moving = True
     assert http.get("/v1/robot").json()["still_since"] is None
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body"),
+    [("GET", "/v1/cameras/left/frame", None), ("POST", "/v1/objects/cup/backgrounds", {})],
+)
+def test_stop_and_cancel_do_not_queue_behind_requests_that_wait_for_pictures(
+    lab: Lab, http: TestClient, method: str, path: str, body: dict[str, object] | None
+) -> None:
+    lab.teach(lab.places)
+    http.post("/v1/tasks/grasp/train")
+    lab.cameras.gate = threading.Event()
+    with ThreadPoolExecutor(61) as callers:
+        try:
+            pending = [callers.submit(http.request, method, path, json=body) for _ in range(60)]
+            assert lab.cameras.waiting.wait(10.0)
+            run = callers.submit(http.post, "/v1/tasks/grasp/runs", json={"object": "blue cup"}).result(5.0)
+            cancel = callers.submit(http.post, f"{run.headers['location']}/cancel").result(5.0)
+            assert cancel.status_code == 202
+            stop = callers.submit(http.post, "/v1/robot/stop", json={"reason": "a test"}).result(5.0)
+            assert stop.json()["stopped"]
+            assert not any(answer.done() for answer in pending)
+        finally:
+            lab.cameras.gate.set()
+        assert all(answer.result(10.0).status_code < 500 for answer in pending)
 
 
 @pytest.mark.parametrize("camera", ["left", "right", "observer"])

@@ -9,14 +9,14 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import httpx2
 import pytest
 from pydantic import SecretStr
 
-from handeye.proto.methods import CAMERA_DESCRIBE, ROBOT_GET_STATE
+from handeye.proto.methods import CAMERA_DESCRIBE, CAMERA_GRAB_STEREO, ROBOT_GET_STATE
 from handeye.proto.v1 import camera_pb2, robot_pb2
 from handeye.rpc import Bus, BusSettings
 from handeye.rpc.errors import Unavailable
@@ -24,7 +24,7 @@ from handeye.server.serve import CannotListen, serve
 from handeye.server.settings import ServerSettings
 
 if TYPE_CHECKING:
-    from handeye.rpc import Server
+    from handeye.rpc import Call, Server
 
 LIMIT = 60.0
 
@@ -100,6 +100,34 @@ def test_ready_when_the_bridges_are_and_not_any_more_when_one_goes(bus_settings:
         robot.close()
         gone = httpx2.get(f"{url}/v1/robot", headers=headers, timeout=LIMIT)
         assert (gone.status_code, gone.json()["code"]) == (503, "unavailable")
+
+
+def test_requests_that_wait_for_pictures_do_not_hold_up_the_end(bus_settings: BusSettings) -> None:
+    waiting = threading.Event()
+
+    def wait_for_picture(_request: camera_pb2.GrabStereoRequest, call: Call) -> camera_pb2.StereoPair:
+        waiting.set()
+        while True:
+            call.check()
+            time.sleep(0.01)
+
+    def ask(url: str) -> None:
+        with suppress(httpx2.HTTPError):  # the server ends first
+            httpx2.get(f"{url}/v1/cameras/left/frame", headers={"Authorization": "Bearer configured"}, timeout=LIMIT)
+
+    settings = ServerSettings(port=0, token=SecretStr("configured"), grab_timeout=LIMIT)
+    with Bus.host(bus_settings, {}, name="router") as bus, bus.serve({CAMERA_GRAB_STEREO: wait_for_picture}):
+        with serving(bus_settings, settings) as (url, _token):
+            until(f"{url}/healthz", 200)
+            callers = [threading.Thread(target=ask, args=(url,)) for _ in range(20)]
+            for caller in callers:
+                caller.start()
+            assert waiting.wait(LIMIT)
+            started = time.monotonic()
+        assert time.monotonic() - started < 10.0
+        for caller in callers:
+            caller.join(LIMIT)
+            assert not caller.is_alive()
 
 
 def test_a_configured_token_is_not_shown(bus_settings: BusSettings) -> None:

@@ -98,8 +98,8 @@ def test_answers_come_from_the_asked_subtask() -> None:
     for _ in range(3):
         shown(store)
     tasks.train("grasp", store.finished("grasp"), TrainRequest(approximator="nearest"))
-    answer = tasks.get("grasp").answer("b", FOUND, joints(0.1))  # where only 'a' was shown
-    assert answer.output[0] == pytest.approx(0.4)
+    turn, answer = tasks.get("grasp").answer("b", FOUND, joints(0.1))  # where only 'a' was shown
+    assert turn.angles[0] == pytest.approx(0.4)
     assert answer.neighbours[0].demonstration == "grasp-1"
     assert answer.support < 1.0
 

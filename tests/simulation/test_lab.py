@@ -53,6 +53,25 @@ def test_scene_and_states_arrive_as_they_are(world: World, lab: LabClient) -> No
     assert lab.world().world_time == 0.0
 
 
+@pytest.mark.parametrize("odd", [np.nan, np.inf, 1e308])
+def test_odd_numbers_are_refused(lab: LabClient, odd: float) -> None:
+    before = lab.scene()
+    for call in (
+        lambda: lab.world(odd),
+        lambda: lab.history(odd),
+        lambda: lab.history(0.0, odd),
+        lambda: lab.history(0.0, every=odd),
+        lambda: lab.place(CUP, (odd, 0.0)),
+        lambda: lab.place(CUP, (0.6, odd)),
+    ):
+        with pytest.raises(InvalidArgument):
+            call()
+    for yaw in (np.nan, np.inf):
+        with pytest.raises(InvalidArgument, match="yaw"):
+            lab.place(CUP, (0.6, 0.0), yaw)
+    assert lab.scene() == before
+
+
 def test_errors_arrive_typed(world: World, lab: LabClient) -> None:
     with pytest.raises(InvalidArgument, match="the table reaches"):
         lab.place(CUP, (3.0, 0.0))

@@ -7,13 +7,15 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from handeye.robot_bridge.driver import Pace, RobotDriver
+from handeye.robot_bridge.driver import Pace, RobotDriver, Watch, unwatched
 from handeye.robot_bridge.drivers.simulated import SimulatedRobot
 from handeye.rpc.errors import Busy, InvalidArgument, OutOfLimits, Stopped, Unreachable
 from handeye.simulation import grasping, gripper, kinematics, puma
+from handeye.simulation.objects import CUPS
 from handeye.simulation.scene import STEP
-from handeye.simulation.world import World
+from handeye.simulation.world import Clock, World
 
 from .conftest import MakeWorld
 
@@ -77,10 +79,12 @@ def test_move_arrives_exactly_and_follows_closely(world: World, robot: Simulated
 
 
 def test_pace_sets_the_time(robot: SimulatedRobot) -> None:
-    slow = robot.move_to_joints(AWAY, Pace(0.2, 1.0)).world_time
-    fast = robot.park(Pace(0.8, 1.0)).world_time - slow
+    robot.move_to_joints(AWAY)  # the first move is ramped
+    begin = robot.park().world_time
+    slow = robot.move_to_joints(AWAY, Pace(0.2, 1.0)).world_time - begin
+    fast = robot.park(Pace(0.8, 1.0)).world_time - begin - slow
     assert slow > 3 * fast
-    for pace in (Pace(0.0, 0.5), Pace(0.5, 1.1), Pace(float("nan"), 0.5)):
+    for pace in (Pace(0.0, 0.5), Pace(1e-320, 0.5), Pace(0.5, 1.1), Pace(float("nan"), 0.5)):
         with pytest.raises(InvalidArgument, match="pace"):
             robot.park(pace)
 
@@ -135,9 +139,9 @@ def test_the_table_is_out_of_limits(robot: SimulatedRobot) -> None:
 @pytest.mark.parametrize("values", [[0.0] * 5, [0.0] * 5 + [float("nan")], [[0.0] * 6]])
 def test_wrong_vectors_are_refused(robot: SimulatedRobot, values: list[float]) -> None:
     for command in (robot.move_to_joints, robot.adjust_joints):
-        with pytest.raises(InvalidArgument, match="6 finite numbers"):
+        with pytest.raises(InvalidArgument, match=r"must (have shape \(6,\)|be finite)"):
             command(np.array(values))
-    with pytest.raises(InvalidArgument, match="3 finite numbers"):
+    with pytest.raises(InvalidArgument, match="point must be finite"):
         robot.move_to_point(np.array([0.5, np.inf, 0.2]))
 
 
@@ -189,15 +193,107 @@ def test_stop_from_another_thread_brakes_on_the_path_and_latches(make_world: Mak
             command()
 
 
-def test_the_first_move_after_reset_is_slow(robot: SimulatedRobot) -> None:
-    usual = robot.move_to_joints(AWAY).world_time
+def test_the_first_move_after_start_and_reset_is_slow(robot: SimulatedRobot) -> None:
+    def takes(goal: NDArray[np.float64], watch: Watch = unwatched) -> float:
+        before = robot.state().world_time
+        return robot.move_to_joints(goal, watch=watch).world_time - before
+
+    def interrupt(_fraction: float) -> None:
+        raise Interrupt
+
+    robot.park()  # goes nowhere
+    first, usual = takes(AWAY), takes(grasping.PARK)
+    assert first > 1.5 * usual
     robot.stop("test")
     assert not robot.reset().stopped
-    before = robot.state().world_time
-    ramped = robot.park().world_time - before
-    assert ramped > 1.5 * usual
-    again = robot.move_to_joints(AWAY).world_time - before - ramped
-    assert again == pytest.approx(usual, abs=0.05)
+    takes(grasping.PARK + 0.005)  # no move to speak of
+    with pytest.raises(Interrupt):
+        takes(AWAY, interrupt)  # not one that finished
+    assert takes(AWAY) > 1.5 * usual
+    assert takes(grasping.PARK) == pytest.approx(usual, abs=0.05)
+
+
+@pytest.mark.parametrize("clock", ["lockstep", "realtime"])
+def test_a_stop_between_the_checks_and_the_start_prevents_the_motion(
+    make_world: MakeWorld, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = make_world(clock=clock)
+    robot = SimulatedRobot(world)
+    lowest_point = kinematics.lowest_point
+
+    def stopping(joints: NDArray[np.float64]) -> float:
+        robot.stop("during the checks")
+        return lowest_point(joints)
+
+    monkeypatch.setattr(kinematics, "lowest_point", stopping)
+    before = world.motors()
+    with pytest.raises(Stopped, match="during the checks"):
+        robot.move_to_joints(AWAY)
+    assert np.array_equal(world.motors(), before)
+    assert robot.state().stopped
+    assert not robot.state().moving
+
+
+def test_a_stop_at_the_grippers_start_prevents_its_motion(
+    world: World, robot: SimulatedRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require = robot._require_unstopped
+    stopper = threading.Thread(target=robot.stop, args=("just now",))
+
+    def require_then_stop() -> None:
+        require()
+        if stopper.ident is None:
+            stopper.start()
+            deadline = time.monotonic() + 5.0
+            while not robot.state().stopped:
+                assert time.monotonic() < deadline
+                time.sleep(0.001)
+
+    monkeypatch.setattr(robot, "_require_unstopped", require_then_stop)
+    with pytest.raises(Stopped, match="just now"):
+        robot.close_gripper()
+    stopper.join(5.0)
+    assert world.time == 0.0
+    assert robot.state().gripper_opening == pytest.approx(gripper.RANGE, abs=1e-4)
+
+
+def test_a_refused_move_says_how_to_clear_the_stop(robot: SimulatedRobot) -> None:
+    robot.stop("test")
+    with pytest.raises(Stopped, match=r"reset it first \(handeye reset, or POST /v1/robot/reset\)"):
+        robot.park()
+
+
+def test_the_workspace_check_is_as_fine_on_long_paths(robot: SimulatedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    samples: list[NDArray[np.float64]] = []
+    lowest_point = kinematics.lowest_point
+
+    def seen(joints: NDArray[np.float64]) -> float:
+        samples.append(joints.copy())
+        return lowest_point(joints)
+
+    monkeypatch.setattr(kinematics, "lowest_point", seen)
+    goal = grasping.PARK.copy()
+    goal[5] += 1.5
+    robot.move_to_joints(goal, Pace(1.0, 1.0))
+    assert np.abs(np.diff([grasping.PARK, *samples], axis=0)).max() < 0.03 + 1e-9
+    np.testing.assert_allclose(samples[-1], goal)
+
+
+def test_the_lab_changes_nothing_while_the_robot_lets_time_pass(world: World, robot: SimulatedRobot) -> None:
+    refused = 0
+
+    def watch(_fraction: float) -> None:
+        nonlocal refused
+        with pytest.raises(Busy):
+            world.reset()
+        with pytest.raises(Busy):
+            world.place(CUPS["blue cup"], (0.6, 0.0))
+        refused += 1
+
+    robot.advance(STEP, watch)
+    assert refused == 1
+    world.place(CUPS["blue cup"], (0.6, 0.0))
+    world.reset()
 
 
 def test_a_watch_that_raises_brakes_and_passes_on(world: World, robot: SimulatedRobot) -> None:

@@ -14,11 +14,12 @@ import pytest
 
 from handeye.cli.up import Stack
 from handeye.client import Client
+from handeye.proto.methods import ROBOT_STATE
 from handeye.rpc import Bus
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import CUPS, ObjectSpec
 from handeye.simulation.places import Purpose, draw
-from handeye.simulation.teaching import lab_settings, teach
+from handeye.simulation.teaching import acting_settings, lab_settings, teach
 
 END_LIMIT = 30.0
 
@@ -103,23 +104,43 @@ class Lesson:
     ) -> None:
         self.lab.place(spec, xy, 0.4)
 
-    def run(self) -> subprocess.CompletedProcess[str]:
-        """`handeye run` until it ends."""
-        return subprocess.run(
-            command("run", TASK, "--object", OBJECT),
-            env=os.environ | {"HANDEYE_URL": self.stack.url, "HANDEYE_TOKEN": self.stack.token},
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
+    def run(self, meanwhile: Callable[[], None] = lambda: None) -> tuple[int, str]:
+        """`handeye run` until it ends: exit code, and what it said on stderr. `meanwhile` is called while it runs."""
+        environment = os.environ | {"HANDEYE_URL": self.stack.url, "HANDEYE_TOKEN": self.stack.token}
+        with subprocess.Popen(
+            command("run", TASK, "--object", OBJECT), env=environment, stderr=subprocess.PIPE, text=True
+        ) as process:
+            try:
+                meanwhile()
+                said = process.communicate(timeout=60)[1]
+            except BaseException:
+                process.kill()
+                raise
+        return process.returncode, said
+
+    def catch_in_motion(self) -> None:
+        """Returns as soon as the arm moves."""
+        with Bus.open(acting_settings(self.stack.acting), name="tests") as bus, bus.subscribe(ROBOT_STATE) as states:
+            deadline = time.monotonic() + 30.0
+            while time.monotonic() < deadline:
+                state = states.newest(1.0)
+                if state is not None and max(map(abs, state.velocities)) > 0.02:
+                    return
+        raise AssertionError("the arm did not move")
+
+    def process(self, name: str) -> int:
+        """Process id of one of the stack's processes."""
+        return next(child.pid for child in self.stack.supervisor.children if child.name == name)
 
 
 @pytest.fixture(scope="session")
 def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
-    # Named so that XDG_STATE_HOME leads to it.
-    with Stack(tmp_path_factory.mktemp("state") / "handeye") as stack:
-        yield stack
+    with pytest.MonkeyPatch.context() as patch:
+        # Slow motions, so that a test can catch the arm in the midst of one.
+        patch.setenv("HANDEYE_SERVER_ACTING__PACE", "0.1")
+        # Named so that XDG_STATE_HOME leads to it.
+        with Stack(tmp_path_factory.mktemp("state") / "handeye") as stack:
+            yield stack
 
 
 @pytest.fixture(scope="session")

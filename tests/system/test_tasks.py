@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import struct
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ import zenoh
 from handeye.cli.up import Stack
 from handeye.proto.methods import LAB_GET_WORLD
 from handeye.proto.v1 import lab_pb2
+from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc import Bus, LabBusSettings
 from handeye.rpc.errors import Unauthorised, Unavailable
 from handeye.rpc.settings import client_config
@@ -49,8 +51,8 @@ def test_a_trial_passes_and_the_acting_bus_carries_no_truth(lesson: Lesson) -> N
     lesson.place()
     before = lesson.lab.world().object("blue cup").pose.position
     with everything(lesson.stack) as received:
-        done = lesson.run()
-    assert done.returncode == 0, done.stderr
+        code, said = lesson.run()
+    assert code == 0, said
     after = lesson.lab.world().object("blue cup").pose.position
     assert after[2] - before[2] > 0.10
     assert len(received) > 50
@@ -89,13 +91,13 @@ def test_the_server_is_given_no_way_to_the_lab(stack: Stack) -> None:
     assert stack.lab["HANDEYE_LAB_BUS_PASSWORD"].encode() not in content
 
 
-def expect_refusal(lesson: Lesson, *words: str) -> None:
+def expect_refusal(lesson: Lesson, *words: str, meanwhile: Callable[[], None] = lambda: None) -> None:
     """`handeye run` ends with exit code 1 and a message with these words, and the arm is stopped."""
-    done = lesson.run()
-    assert done.returncode == 1, done.stderr
+    code, said = lesson.run(meanwhile)
+    assert code == 1, said
     for word in words:
-        assert word in done.stderr
-    assert "Traceback" not in done.stderr
+        assert word in said
+    assert "Traceback" not in said
     state = lesson.client.robot()
     assert state.stopped
     assert not state.moving
@@ -123,21 +125,36 @@ def test_a_cup_out_of_reach_ends_the_task(lesson: Lesson) -> None:
     assert np.linalg.norm(lesson.lab.world().object("blue cup").pose.position - before) < 1e-3
 
 
+def test_a_coordinator_that_falls_silent_is_stopped(lesson: Lesson) -> None:
+    lesson.reset()
+    lesson.place()
+    server = lesson.process("server")
+
+    def freeze() -> None:
+        lesson.catch_in_motion()
+        os.kill(server, signal.SIGSTOP)
+        try:
+            with Bus.open(acting_settings(lesson.stack.acting), name="tests") as bus:
+                robot = RemoteRobot(bus, "tests")
+                deadline = time.monotonic() + 5.0
+                while not robot.state().stopped:
+                    assert time.monotonic() < deadline, "the bridge did not stop the arm"
+                    time.sleep(0.02)
+                before = robot.state()
+                assert np.max(np.abs(before.velocities)) < 1e-2
+        finally:
+            os.kill(server, signal.SIGCONT)
+
+    expect_refusal(lesson, "'coordinator' has been silent", meanwhile=freeze)
+
+
 def test_a_camera_bridge_killed_in_mid_task_ends_it(lesson: Lesson) -> None:
     """The last test of this file: afterwards the stack is of no use."""
     lesson.reset()
     lesson.place()
-    camera = next(child for child in lesson.stack.supervisor.children if child.name == "camera bridge")
-    job = lesson.client.start_run("grasp", "blue cup")
-    for event in lesson.client.events(job.id):
-        if event.kind == "look":
-            os.kill(camera.pid, signal.SIGKILL)
-            break
-    ended = lesson.client.follow(job.id, timeout=30.0)
-    assert ended.state == "failed"
-    assert ended.error is not None
-    assert ended.error.code == "unavailable"
-    assert "Camera" in ended.error.message
-    state = lesson.client.robot()
-    assert state.stopped
-    assert not state.moving
+
+    def kill() -> None:
+        lesson.catch_in_motion()
+        os.kill(lesson.process("camera bridge"), signal.SIGKILL)
+
+    expect_refusal(lesson, "Camera", "nobody serves it", meanwhile=kill)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 Image = NDArray[np.uint8]
 """Colour picture, shape (rows, columns, 3), red green blue."""
+
+Tick = Callable[[], None]
+"""Called again and again in the caller's thread while a driver waits; what it raises ends the wait and leaves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +71,11 @@ class CameraDriver(Protocol):
         """A frame can be had this long after what it shows, in s of world time."""
         ...
 
-    def grab_stereo(self, not_older_than: float, timeout: float) -> StereoPair:
+    def grab_stereo(self, not_older_than: float, timeout: float, on_tick: Tick | None = None) -> StereoPair:
         """A pair of which neither picture shows a time before `not_older_than` (world time in s).
 
         `DeadlineExceeded` when there is none within `timeout` s of the caller's time; the message says which world
-        time is the newest to be had.
+        time is the newest to be had. `on_tick` is called about every 20 ms while it waits for the picture.
         """
         ...
 
@@ -106,10 +110,11 @@ class HeadDriver(Protocol):
         """Where the head points now."""
         ...
 
-    def move(self, pan: float, tilt: float, lease_id: str, timeout: float) -> HeadState:
+    def move(self, pan: float, tilt: float, lease_id: str, timeout: float, on_tick: Tick | None = None) -> HeadState:
         """Turns to (pan, tilt) in rad, rounded to the unit's steps; returns when it stands still.
 
-        `OutOfLimits` outside the range. In lockstep world time passes under the caller's `lease_id`.
+        `OutOfLimits` outside the range, `Unauthorised` unless `lease_id` is the control lease. `on_tick` is called
+        about every 20 ms while it turns; when a move ends early the head stands still where it is then.
         """
         ...
 

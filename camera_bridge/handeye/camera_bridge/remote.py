@@ -10,16 +10,16 @@ from handeye.camera_bridge.convert import (
     head_from_message,
     stereo_from_message,
 )
-from handeye.camera_bridge.driver import CameraDescription, Frame, HeadState, StereoPair
+from handeye.camera_bridge.driver import CameraDescription, Frame, HeadState, StereoPair, Tick
 from handeye.proto.methods import (
     CAMERA_DESCRIBE,
     CAMERA_GET_HEAD,
     CAMERA_GRAB_OBSERVER,
     CAMERA_GRAB_STEREO,
     CAMERA_MOVE_HEAD,
-    ROBOT_HEARTBEAT,
 )
-from handeye.proto.v1 import camera_pb2, robot_pb2
+from handeye.proto.v1 import camera_pb2
+from handeye.robot_bridge.remote import heartbeat
 from handeye.rpc import Bus
 
 CALL_TIMEOUT = 2.0
@@ -47,10 +47,10 @@ class RemoteCameras:
         """A frame can be had this long after what it shows, in s of world time."""
         return self.description.latency
 
-    def grab_stereo(self, not_older_than: float, timeout: float) -> StereoPair:
+    def grab_stereo(self, not_older_than: float, timeout: float, on_tick: Tick | None = None) -> StereoPair:
         """A pair of which neither picture shows a time before `not_older_than` (world time in s)."""
         request = camera_pb2.GrabStereoRequest(not_older_than=not_older_than)
-        return stereo_from_message(self._bus.call(CAMERA_GRAB_STEREO, request, timeout=timeout))
+        return stereo_from_message(self._bus.call(CAMERA_GRAB_STEREO, request, timeout=timeout, on_tick=on_tick))
 
     def grab_observer(self, not_older_than: float, timeout: float) -> Frame:
         """A picture from the observer's camera, for people."""
@@ -62,7 +62,7 @@ class RemoteCameras:
 
 
 class RemoteHead:
-    """A `HeadDriver` on the bus. While a move runs, it sends the heartbeats of the lease that lets world time pass."""
+    """A `HeadDriver` on the bus. While a move runs, it sends the heartbeats of the lease under which it runs."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
@@ -91,16 +91,17 @@ class RemoteHead:
         """Where the head points now."""
         return head_from_message(self._bus.call(CAMERA_GET_HEAD, camera_pb2.GetHeadRequest(), timeout=CALL_TIMEOUT))
 
-    def move(self, pan: float, tilt: float, lease_id: str, timeout: float) -> HeadState:
+    def move(self, pan: float, tilt: float, lease_id: str, timeout: float, on_tick: Tick | None = None) -> HeadState:
         """Turns to (pan, tilt) in rad, rounded to the unit's steps; returns when it stands still."""
         request = camera_pb2.MoveHeadRequest(lease_id=lease_id, pan=pan, tilt=tilt)
-        heartbeat = robot_pb2.Heartbeat(lease_id=lease_id)
+        beat = heartbeat(self._bus, lease_id)
 
-        def beat() -> None:
-            if lease_id:
-                self._bus.publish(ROBOT_HEARTBEAT, heartbeat)
+        def beat_and_tick() -> None:
+            beat()
+            if on_tick is not None:
+                on_tick()
 
-        return head_from_message(self._bus.call(CAMERA_MOVE_HEAD, request, timeout=timeout, on_tick=beat))
+        return head_from_message(self._bus.call(CAMERA_MOVE_HEAD, request, timeout=timeout, on_tick=beat_and_tick))
 
     def close(self) -> None:
         """Nothing to release: the bus stays its owner's to close."""

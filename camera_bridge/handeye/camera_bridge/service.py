@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from contextlib import ExitStack
 from types import TracebackType
@@ -21,7 +22,7 @@ from handeye.proto.methods import (
 )
 from handeye.proto.v1 import camera_pb2
 from handeye.rpc import Bus, Call
-from handeye.rpc.errors import RpcError
+from handeye.rpc.errors import InvalidArgument, RpcError
 
 _log = structlog.get_logger(__name__)
 
@@ -85,16 +86,18 @@ class CameraService:
         )
 
     def _grab_stereo(self, request: camera_pb2.GrabStereoRequest, call: Call) -> camera_pb2.StereoPair:
-        return stereo_to_message(self._cameras.grab_stereo(request.not_older_than, _time_to_work(call)))
+        wanted = _world_time(request.not_older_than)
+        return stereo_to_message(self._cameras.grab_stereo(wanted, _time_to_work(call), call.check))
 
     def _grab_observer(self, request: camera_pb2.GrabObserverRequest, call: Call) -> camera_pb2.Frame:
-        return frame_to_message(self._cameras.grab_observer(request.not_older_than, _time_to_work(call)))
+        return frame_to_message(self._cameras.grab_observer(_world_time(request.not_older_than), _time_to_work(call)))
 
     def _get_head(self, _request: camera_pb2.GetHeadRequest, _call: Call) -> camera_pb2.HeadState:
         return head_to_message(self._head.state())
 
     def _move_head(self, request: camera_pb2.MoveHeadRequest, call: Call) -> camera_pb2.HeadState:
-        return head_to_message(self._head.move(request.pan, request.tilt, request.lease_id, _time_to_work(call)))
+        timeout = _time_to_work(call)
+        return head_to_message(self._head.move(request.pan, request.tilt, request.lease_id, timeout, call.check))
 
     def _publish(self) -> None:
         """The newest pair again and again, while somebody watches and only when it is a new one."""
@@ -108,10 +111,18 @@ class CameraService:
                 if pair.left.sequence != newest:
                     self._bus.publish(CAMERA_STEREO, stereo_to_message(pair))
                 newest, failing = pair.left.sequence, False
-            except RpcError as error:
+            except Exception as error:  # a picture that fails must not end the stream
                 if not failing:
-                    _log.warning("no stereo pair to publish", error=error.message)
+                    unforeseen = not isinstance(error, RpcError)
+                    _log.warning("no stereo pair to publish", error=str(error), exc_info=unforeseen)
                 failing = True
+
+
+def _world_time(value: float) -> float:
+    """The world time asked for, in s; `InvalidArgument` when it is no number that a wait could reach."""
+    if not math.isfinite(value):
+        raise InvalidArgument(f"not_older_than is a world time in s, a finite number; got {value}")
+    return value
 
 
 def _time_to_work(call: Call) -> float:

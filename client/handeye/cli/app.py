@@ -30,7 +30,7 @@ KNOWN = {
     "robot": RoleVerbs(("robot-bridge",), "robot"),
     "camera": RoleVerbs(("camera-bridge",), "camera"),
     "server": RoleVerbs(("server",), "server"),
-    "client": RoleVerbs(("run",), "client"),
+    "client": RoleVerbs(("run", "stop", "reset"), "client"),
     "simulation": RoleVerbs(("teach", "place", "demo"), "all"),
 }
 """The roles by the names of their entry points. A role that is not here may still register verbs."""

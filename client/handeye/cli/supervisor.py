@@ -94,15 +94,17 @@ class Child:
         how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
         return f"the {self.name} {how}{self._log_tail()}"
 
-    def stop(self, grace: float) -> None:
-        """TERM, then KILL after `grace` s; returns when the process is gone."""
-        if self._process.poll() is None:
-            self._process.terminate()
-            try:
-                self._process.wait(grace)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+    def terminate(self) -> None:
+        """Tells the process to end, by TERM."""
+        self._process.terminate()
+
+    def end(self, deadline: float) -> None:
+        """Waits until the process is gone; KILL at `deadline` (`time.monotonic`)."""
+        try:
+            self._process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
         if self._process.stdin is not None:
             self._process.stdin.close()
 
@@ -114,10 +116,13 @@ class Child:
 
 
 class Supervisor:
-    """The children of this process. Closing it stops them in reverse order of their start."""
+    """The children of this process. Closing it tells all of them to end, the last one started first."""
 
-    def __init__(self, log_dir: Path, grace: float = 4.0) -> None:
-        """Logs go to `log_dir`; a child that does not end within `grace` s of TERM is killed."""
+    def __init__(self, log_dir: Path, grace: float = 15.0) -> None:
+        """Logs go to `log_dir`; a child that does not end within `grace` s of TERM is killed.
+
+        The server's own limits for its end add up to less.
+        """
         self._log_dir = log_dir
         self._grace = grace
         self.children: list[Child] = []
@@ -153,7 +158,7 @@ class Supervisor:
         if child.returncode != 0:
             raise ProcessDied(child.name, child.death())
         self.children.remove(child)
-        child.stop(self._grace)
+        child.end(time.monotonic())
 
     def run_forever(self) -> None:
         """Returns never: ends by `ProcessDied`, `KeyboardInterrupt` or `Terminated`."""
@@ -164,8 +169,11 @@ class Supervisor:
     def close(self) -> None:
         """Stops all children; signals that arrive meanwhile don't interrupt it."""
         with _handling(signal.SIG_IGN, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            for child in reversed(self.children):
+                child.terminate()
+            deadline = time.monotonic() + self._grace
             while self.children:
-                self.children[-1].stop(self._grace)
+                self.children[-1].end(deadline)
                 self.children.pop()
 
     def __enter__(self) -> Self:

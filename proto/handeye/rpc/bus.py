@@ -171,12 +171,12 @@ class Bus(Closing):
             answer = _final_answer(method, replies, deadline, on_progress, on_tick)
             if answer is not None and answer.HasField("result"):
                 return method.response.FromString(answer.result)
-        except DecodeError as error:
-            raise Internal(f"{method}: the server speaks another version: {error}") from error
-        except BaseException:
+        except BaseException as error:
             note = CancelRequest(call_id=call_id).SerializeToString()
             with suppress(zenoh.ZError):  # a closed bus ends its calls anyway
                 self._session.put(key(self._cell, method.service, "@cancel"), note, congestion_control=BLOCK)
+            if isinstance(error, DecodeError):
+                raise Internal(f"{method}: the server speaks another version: {error}") from error
             raise
         if answer is None:
             raise Unavailable(f"{method}: nobody serves it, or its server died or was cut off during the call")

@@ -12,8 +12,7 @@ class RpcError(Exception):
 
     def __init__(self, message: str, detail: str = "") -> None:
         super().__init__(message)
-        self.message = message
-        self.detail = detail
+        self.message, self.detail = message, detail
 
 
 class Unavailable(RpcError):

@@ -23,12 +23,13 @@ def configure_logging() -> None:
 
 
 @contextmanager
-def until_stopped(watch_parent: bool = False) -> Iterator[threading.Event]:
+def until_stopped(watch_parent: bool = False, grace: float = 30.0) -> Iterator[threading.Event]:
     """Gives an Event that is set on SIGTERM, on SIGINT and, with `watch_parent`, when stdin ends: the parent died.
 
-    For the main thread; the signals' former handlers are back after the block.
+    For the main thread; the signals' former handlers are back after the block. A process whose block has not ended
+    `grace` s after it was told to is ended, so that none is left over.
     """
-    stop = threading.Event()
+    stop, over = threading.Event(), threading.Event()
     told, tell = os.pipe()
 
     def watch() -> None:
@@ -39,7 +40,8 @@ def until_stopped(watch_parent: bool = False) -> Iterator[threading.Event]:
             while not any(source == told or not os.read(source, 4096) for source, _event in poll.poll()):
                 pass
         stop.set()
-        signal.alarm(30)  # s; a process that does not end in order by then is ended, so that none is left over
+        if not over.wait(grace):
+            os._exit(1)
 
     def tell_watcher(*_: object) -> None:
         os.write(tell, b"!")  # setting the Event here could interrupt a `stop.wait` that holds the Event's lock
@@ -52,8 +54,8 @@ def until_stopped(watch_parent: bool = False) -> Iterator[threading.Event]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
+        over.set()
         tell_watcher()
         watcher.join()
-        signal.alarm(0)
         os.close(told)
         os.close(tell)

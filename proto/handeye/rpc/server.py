@@ -159,6 +159,8 @@ class Server(Closing):
             call = self._under_way.get(call_id)
             if call is not None and call._waiting.pop(call_id, None) is not None and not call._waiting:
                 call._halt = call._halt or Cancelled(f"{call.method}: cancelled by {call.caller or 'the caller'}")
+                # Whoever asks again wants it done after all.
+                self._remembered = {name: other for name, other in self._remembered.items() if other is not call}
 
 
 def _reply(query: zenoh.Query, reply: CallReply) -> None:

@@ -12,8 +12,6 @@ from handeye.rpc.errors import RpcError
 from handeye.rpc.process import configure_logging, until_stopped
 from handeye.rpc.settings import BusSettings
 
-WatchParent = Annotated[bool, typer.Option("--watch-parent", help="End when stdin ends.")]
-
 
 class RouterSettings(BaseSettings):
     """From HANDEYE_ROUTER_LISTEN (an endpoint) and HANDEYE_ROUTER_CREDENTIALS (JSON, {"user": "password"})."""
@@ -23,7 +21,7 @@ class RouterSettings(BaseSettings):
     credentials: dict[str, SecretStr] = {}
 
 
-def router(watch_parent: WatchParent = False) -> None:
+def router(watch_parent: Annotated[bool, typer.Option("--watch-parent", help="End when stdin ends.")] = False) -> None:
     """Route messages between the other processes until TERM or Ctrl-C (settings: HANDEYE_ROUTER_*)."""
     configure_logging()
     settings = RouterSettings()

@@ -12,6 +12,7 @@ from handeye.robot_bridge.driver import RobotDriver
 from handeye.robot_bridge.service import RobotService
 from handeye.robot_bridge.settings import RobotBridgeSettings
 from handeye.rpc import Bus, BusSettings, LabBusSettings
+from handeye.rpc.errors import Unauthorised
 
 _log = structlog.get_logger()
 
@@ -34,9 +35,23 @@ def run(settings: RobotBridgeSettings, stop: threading.Event) -> None:
         stop.wait()
 
 
+def lab_credentials(lab: LabBusSettings) -> dict[str, str]:
+    """Who may join the lab bus, with the password. It tells the truth about the world, so `Unauthorised` for nobody."""
+    password = lab.password.get_secret_value()
+    if not (lab.user and password):
+        raise Unauthorised(
+            "the lab bus needs a user and a password of its own, so that nothing that acts can read the truth there: "
+            "set HANDEYE_LAB_BUS_USER and HANDEYE_LAB_BUS_PASSWORD"
+        )
+    return {lab.user: password}
+
+
 @contextmanager
 def open_robot(settings: RobotBridgeSettings) -> Iterator[RobotDriver]:
-    """The driver that the settings name, closed at the end; the simulated one comes with its lab bus."""
+    """The driver that the settings name, closed at the end; the simulated one comes with its lab bus.
+
+    Raises `MissingExtra`, and `Unauthorised` when the lab bus has no credentials of its own.
+    """
     # Only here and only now: a bridge with a hardware driver needs no simulator.
     try:
         from handeye.robot_bridge.drivers.simulated import SimulatedRobot
@@ -50,7 +65,7 @@ def open_robot(settings: RobotBridgeSettings) -> Iterator[RobotDriver]:
         ) from error
 
     lab = LabBusSettings()
-    credentials = {lab.user: lab.password.get_secret_value()} if lab.user else {}
+    credentials = lab_credentials(lab)
     with (
         closing(World(Profile.named(settings.profile), seed=settings.seed, clock=settings.clock)) as world,
         closing(SimulatedRobot(world)) as robot,

@@ -84,7 +84,7 @@ def description_from_message(message: robot_pb2.RobotDescription) -> RobotDescri
 
 
 def pace_to_message(pace: Pace) -> robot_pb2.Pace:
-    """The message of `pace`; `InvalidArgument` outside (0, 1], because 0 on the bus means the default."""
+    """The message of `pace`; `InvalidArgument` outside [0.001, 1]: 0 on the bus means the default."""
     check_pace(pace)
     return robot_pb2.Pace(speed=pace.speed, acceleration=pace.acceleration)
 

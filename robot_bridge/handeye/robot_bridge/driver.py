@@ -26,7 +26,7 @@ def unwatched(_fraction: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How fast to move: shares in (0, 1] of the joints' speed and acceleration limits."""
+    """How fast to move: shares in [0.001, 1] of the joints' speed and acceleration limits."""
 
     speed: float = 0.5
     acceleration: float = 0.5
@@ -113,7 +113,7 @@ class RobotDriver(Protocol):
         ...
 
     def reset(self) -> RobotState:
-        """Clears the software stop; the next move is ramped."""
+        """Clears the software stop; the next move that goes anywhere is ramped."""
         ...
 
     def close(self) -> None:

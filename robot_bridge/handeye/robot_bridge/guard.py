@@ -18,6 +18,7 @@ from handeye.robot_bridge.limits import (
     check_joints,
     check_pace,
     check_vector,
+    stopped,
 )
 from handeye.rpc.errors import Busy, DeadlineExceeded, Stopped
 
@@ -111,7 +112,7 @@ class GuardedRobot:
     def check_not_stopped(self) -> None:
         """Raises `Stopped`, with the reason, while the guard's stop is latched; cheap enough for every step."""
         if self._stop_reason is not None:
-            raise Stopped(f"the robot is stopped ({self._stop_reason}): reset it first")
+            raise stopped(self._stop_reason)
 
     def wait_until_idle(self, timeout: float) -> None:
         """Returns when no motion is under way; `DeadlineExceeded` after `timeout` s."""
@@ -139,7 +140,7 @@ class GuardedRobot:
         with self._exclusive():
             self.check_not_stopped()
             if self._driver.state().stopped:
-                raise Stopped("the robot is stopped: reset it first")
+                raise stopped("the driver itself stopped it")
             try:
                 yield watched
             except Stopped as error:

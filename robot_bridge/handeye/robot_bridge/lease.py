@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import secrets
 import threading
@@ -22,11 +23,17 @@ TAKEOVER_AFTER = 2.0
 """A lease that has been silent for so many seconds, with no motion under way, may be taken over."""
 
 
+def lease_digest(lease_id: str) -> str:
+    """What heartbeats carry: SHA-256 of the lease, in hex. All on the bus hear it, and none can move by it."""
+    return hashlib.sha256(lease_id.encode()).hexdigest()
+
+
 @dataclass(slots=True)
 class _Lease:
-    """A lease that was given out: its secret, whose it is, and when it was last heard of."""
+    """A lease that was given out: its secret and that one's digest, whose it is, when it was last heard of."""
 
     lease_id: str
+    digest: str
     holder: str
     heard: float
     motions: int = 0
@@ -35,7 +42,7 @@ class _Lease:
 class LeaseKeeper:
     """Gives out the control lease and listens for its holder. Thread-safe.
 
-    Lease ids are secrets: they are compared in constant time and appear in no message and no log.
+    Lease ids are secrets: they are compared in constant time and appear in no error, no stream and no log.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -63,9 +70,10 @@ class LeaseKeeper:
                         f"it can be taken over after {TAKEOVER_AFTER:g} s of silence",
                         detail=lease.holder,
                     )
-            self._lease = _Lease(secrets.token_hex(16), holder, self._clock())
+            lease_id = secrets.token_hex(16)
+            self._lease = _Lease(lease_id, lease_digest(lease_id), holder, self._clock())
             self._changed.notify_all()
-            return self._lease.lease_id
+            return lease_id
 
     def release(self, lease_id: str) -> None:
         """Takes the lease back; a motion under it finds out by `check`. `Unauthorised` when it is not the lease."""
@@ -74,10 +82,10 @@ class LeaseKeeper:
             self._lease = None
             self._changed.notify_all()
 
-    def beat(self, lease_id: str) -> None:
-        """Notes a heartbeat; one with another id (a holder that lost its lease) is ignored."""
+    def beat(self, digest: str) -> None:
+        """Notes a heartbeat with a lease's digest; another lease's (its holder lost it) is ignored."""
         with self._changed:
-            if self._lease is not None and _equal(self._lease.lease_id, lease_id):
+            if self._lease is not None and _equal(self._lease.digest, digest):
                 self._lease.heard = self._clock()
                 self._changed.notify_all()
 

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription
-from handeye.rpc.errors import InvalidArgument, OutOfLimits
+from handeye.rpc.errors import InvalidArgument, OutOfLimits, Stopped
 
 DEFAULT_PACE = Pace()
 """Half of the limits."""
 READING_ERROR = 1e-3
 """A joint that stands at its limit may read beyond it by so much, in rad, for its encoder has steps."""
+LEAST_PACE = 1e-3
+"""Smallest share of a limit: slower motions would not end in any useful time."""
 MAX_ADVANCE = 60.0
 """Longest world time in s that one `advance` may let pass."""
 
@@ -44,13 +46,18 @@ def check_joints(description: RobotDescription, target: Joints, tolerance: float
 
 
 def check_pace(pace: Pace) -> None:
-    """`InvalidArgument` unless both shares lie in (0, 1]."""
+    """`InvalidArgument` unless both shares lie in [0.001, 1]."""
     for name, share in (("speed", pace.speed), ("acceleration", pace.acceleration)):
-        if not 0.0 < share <= 1.0:
-            raise InvalidArgument(f"pace.{name} must be a share in (0, 1], got {share}", detail=name)
+        if not LEAST_PACE <= share <= 1.0:
+            raise InvalidArgument(f"pace.{name} must be a share in [{LEAST_PACE:g}, 1], got {share}", detail=name)
 
 
 def check_duration(duration: float) -> None:
     """`InvalidArgument` unless `duration` (s) lies in [0, 60]."""
     if not (math.isfinite(duration) and 0.0 <= duration <= MAX_ADVANCE):
         raise InvalidArgument(f"duration must lie in [0, {MAX_ADVANCE:g}] s, got {duration}", detail="duration")
+
+
+def stopped(reason: str) -> Stopped:
+    """What a command is refused with while the software stop is latched for `reason`; says how to clear it."""
+    return Stopped(f"the robot is stopped ({reason}): reset it first (handeye reset, or POST /v1/robot/reset)")

@@ -32,7 +32,7 @@ from handeye.proto.methods import (
 from handeye.proto.v1 import robot_pb2
 from handeye.robot_bridge.convert import description_from_message, pace_to_message, state_from_message
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch, unwatched
-from handeye.robot_bridge.lease import HEARTBEAT_PERIOD
+from handeye.robot_bridge.lease import HEARTBEAT_PERIOD, lease_digest
 from handeye.robot_bridge.limits import DEFAULT_PACE, check_duration, check_vector
 from handeye.rpc import Bus, Method
 from handeye.rpc.errors import DeadlineExceeded, RpcError, Unauthorised, Unavailable
@@ -53,7 +53,7 @@ Request = TypeVar("Request", bound=Message)
 
 def heartbeat(bus: Bus, lease_id: str) -> Callable[[], None]:
     """What the holder of `lease_id` calls every 20 ms while it waits for a motion: `bus.call(on_tick=...)`."""
-    message = robot_pb2.Heartbeat(lease_id=lease_id)
+    message = robot_pb2.Heartbeat(lease_digest=lease_digest(lease_id))
     return lambda: bus.publish(ROBOT_HEARTBEAT, message)
 
 

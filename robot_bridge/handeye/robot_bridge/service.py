@@ -98,7 +98,7 @@ class RobotService:
     # Lease -----------------------------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, message: robot_pb2.Heartbeat) -> None:
-        self._leases.beat(message.lease_id)
+        self._leases.beat(message.lease_digest)
 
     def _acquire_lease(self, request: robot_pb2.AcquireLeaseRequest, _call: Call) -> robot_pb2.Lease:
         lease_id = self._leases.acquire(request.holder)
@@ -193,8 +193,8 @@ class RobotService:
             try:
                 self._bus.publish(ROBOT_STATE, self._message(self._robot.state()))
                 failing = False
-            except RpcError as error:
+            except Exception:  # whatever a driver raises, the stream goes on when its robot does
                 if not failing:
-                    _log.warning("no state to publish", error=error.message)
+                    _log.exception("no state to publish")
                 failing = True
             due = max(due + STATE_PERIOD, time.monotonic())

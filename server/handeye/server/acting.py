@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager
+from typing import Protocol
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from handeye.robot_bridge.driver import Joints, Pace, RobotDriver, RobotState, Watch
+from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch
 from handeye.rpc.errors import Busy
 
 _REST_STEP = 0.05  # s of world time to wait before asking again whether the arm has come to rest
@@ -19,11 +21,14 @@ class ActingSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     max_looks: int = Field(default=8, ge=1)
-    """Looks per subtask before it goes on anyway."""
+    """Looks per subtask before it gives up, or goes on with what is acceptable."""
     tolerance: float = Field(default=0.0015, gt=0.0)
     """A subtask is aligned when no joint of the answer is larger, in rad."""
     last_tolerance: float = Field(default=0.01, gt=0.0)
     """The same for the last subtask (the lift): nothing follows that its error could spoil."""
+    acceptable: float = Field(default=0.006, gt=0.0)
+    """When the looks have run out, a subtask still goes on if no joint of the last answer was larger, in rad: then
+    it is noise that keeps the answers above the tolerance, and looking longer would not help."""
     thinking: float = Field(default=0.05, ge=0.0)
     """World time that each look is charged in lockstep, in s: thinking is not free there either."""
     settle: float = Field(default=0.02, ge=0.0)
@@ -38,16 +43,64 @@ class ActingSettings(BaseModel):
     """Share of the joints' speed and acceleration limits."""
 
 
+class LeasedRobot(Protocol):
+    """What the acting side holds of a robot; `handeye.robot_bridge.remote.RemoteRobot` has it, and more.
+
+    Moves need the control lease. There is no way from here to *move to point*, *move to joints* or *park*: a task acts
+    by what it was taught, not by inverse kinematics.
+    """
+
+    @property
+    def description(self) -> RobotDescription:
+        """What the robot is; does not change."""
+        ...
+
+    def lease(self) -> AbstractContextManager[None]:
+        """Holds the control lease; `Busy` while another holder is alive."""
+        ...
+
+    def beat(self) -> None:
+        """Shows that the lease holder lives: a lease that is silent for too long may be taken over."""
+        ...
+
+    def state(self) -> RobotState:
+        """The newest state; answers also while a motion is under way."""
+        ...
+
+    def adjust_joints(self, delta: Joints, pace: Pace = ..., watch: Watch = ...) -> RobotState:
+        """Changes the joints by `delta` (rad)."""
+        ...
+
+    def open_gripper(self, watch: Watch = ...) -> RobotState:
+        """Opens the gripper fully."""
+        ...
+
+    def close_gripper(self, watch: Watch = ...) -> RobotState:
+        """Closes the gripper until the fingers meet something or each other."""
+        ...
+
+    def advance(self, duration: float, watch: Watch = ...) -> RobotState:
+        """Lets `duration` s of world time pass while the arm holds still."""
+        ...
+
+    def stop(self, reason: str = ...) -> RobotState:
+        """Brakes a motion under way, from another thread too, and latches the software stop."""
+        ...
+
+    def reset(self) -> RobotState:
+        """Clears the software stop; the next move is ramped."""
+        ...
+
+
 class ActingRobot:
     """A robot as an acting task sees it: it adjusts joints, moves the gripper, waits and stops. Nothing else.
 
-    There is no way from here to *move to point*, *move to joints* or *park*: a task acts by what it was taught, not
-    by inverse kinematics. `watch` is called at every control step; raising from it brakes the arm.
+    `watch` is called at every control step; raising from it brakes the arm.
     """
 
     __slots__ = ("__driver", "__pace", "__watch")
 
-    def __init__(self, driver: RobotDriver, watch: Watch, pace: Pace) -> None:
+    def __init__(self, driver: LeasedRobot, watch: Watch, pace: Pace) -> None:
         self.__driver = driver
         self.__watch = watch
         self.__pace = pace
@@ -56,6 +109,10 @@ class ActingRobot:
     def lockstep(self) -> bool:
         """World time passes only while the robot moves or waits."""
         return self.__driver.description.clock == "lockstep"
+
+    def beat(self) -> None:
+        """Keeps the control lease while the task does something else than moving: it looks."""
+        self.__driver.beat()
 
     def state(self) -> RobotState:
         """What the robot's own sensors say now."""

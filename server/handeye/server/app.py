@@ -10,7 +10,7 @@ from fastapi.openapi.utils import get_openapi
 from handeye.server import problem
 from handeye.server.auth import BearerToken
 from handeye.server.coordinator import Coordinator
-from handeye.server.routes import cameras, demonstrations, health, jobs, objects, robot, tasks
+from handeye.server.routes import Lanes, cameras, demonstrations, health, jobs, objects, robot, tasks
 
 
 def create_app(coordinator: Coordinator, token: str) -> FastAPI:
@@ -24,6 +24,7 @@ def create_app(coordinator: Coordinator, token: str) -> FastAPI:
         redoc_url=None,
     )
     app.state.coordinator = coordinator
+    app.state.lanes = Lanes()
     app.add_middleware(BearerToken, token=token)
     problem.install(app)
     for part in (health, objects, demonstrations, tasks, jobs, robot, cameras):

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import AbstractContextManager
-from typing import Protocol
 
 from handeye.camera_bridge.driver import CameraDriver, StereoPair
 from handeye.modules.recognition import NotSeen
-from handeye.robot_bridge.driver import Pace, RobotDriver, RobotState
+from handeye.robot_bridge.driver import Pace, RobotState
 from handeye.rpc.errors import Busy
-from handeye.server.acting import ActingRobot
+from handeye.server.acting import ActingRobot, LeasedRobot
 from handeye.server.demonstrations import Demonstrations, Observation
 from handeye.server.executor import Run
 from handeye.server.eyes import Eyes, Sight
@@ -20,14 +18,6 @@ from handeye.server.objects import Kind, Objects, TaughtObject
 from handeye.server.pictures import LookPictures
 from handeye.server.settings import ServerSettings
 from handeye.server.training import Tasks, TrainRequest, TrainStatistics
-
-
-class LeasedRobot(RobotDriver, Protocol):
-    """A robot whose moves need the control lease; `handeye.robot_bridge.remote.RemoteRobot` is one."""
-
-    def lease(self) -> AbstractContextManager[None]:
-        """Holds the control lease; `Busy` while another holder is alive."""
-        ...
 
 
 class Coordinator:

@@ -14,7 +14,7 @@ import structlog
 
 from handeye.modules.module import Answer
 from handeye.modules.recognition import NotSeen
-from handeye.modules.spaces import ImagePair
+from handeye.modules.spaces import ImagePair, JointDifference
 from handeye.robot_bridge.driver import Joints, RobotState
 from handeye.rpc.errors import OutOfLimits, RpcError
 from handeye.server.acting import ActingRobot, ActingSettings
@@ -36,6 +36,12 @@ class OutsideTaughtRegion(Conflict):
     code = "outside_taught_region"
 
 
+class NotAligned(Conflict):
+    """The looks have run out and the hand is not where the subtask ends: the gripper must not act there."""
+
+    code = "not_aligned"
+
+
 class Skill(Protocol):
     """A trained task: its subtasks in order, and the answers of module IJS."""
 
@@ -44,8 +50,8 @@ class Skill(Protocol):
         """In the order in which they are done."""
         ...
 
-    def answer(self, subtask: str, found: ImagePair, joints: Joints) -> Answer:
-        """The joint differences towards the subtask's goal, with where they come from."""
+    def answer(self, subtask: str, found: ImagePair, joints: Joints) -> tuple[JointDifference, Answer]:
+        """How far each joint is to turn towards the subtask's goal, and the answer that this was taken from."""
         ...
 
 
@@ -71,7 +77,7 @@ class Run:
         self._settings = settings
         self._job = job
         self._keep_picture = keep_picture
-        self._max_looks = 1 if one_look else settings.max_looks
+        self._one_look = one_look
         self._subtasks: list[SubtaskRecord] = []
 
     def execute(self) -> None:
@@ -100,22 +106,39 @@ class Run:
         self._update("subtask", state="succeeded", ended=ended, aligned=aligned, action=subtask.action)
 
     def _align(self, subtask: str, tolerance: float) -> bool:
-        """Looks and moves until the answer is within `tolerance` (rad); False when the looks ran out first."""
-        for _ in range(self._max_looks):
-            self._job.check()
-            state, sighting, found, picture = self._look()
-            answer = self._skill.answer(subtask, found, state.joints)
-            if refusal := self._refusal(subtask, answer):
-                self._record(picture, sighting, found, answer, ())
-                raise refusal
-            if self._robot.lockstep:
-                self._robot.wait(self._settings.thinking)
-            aligned = bool(np.max(np.abs(answer.output)) <= tolerance)
-            moved = () if aligned else self._move(state, answer.output)
-            self._record(picture, sighting, found, answer, moved)
-            if aligned:
+        """Looks and moves until the answer is within `tolerance` (rad).
+
+        False when the looks ran out first, with the last answer still acceptable; `NotAligned` when it was not. With
+        one look only there is nothing to check by: it moves by the one answer, as the thesis does.
+        """
+        looks = 1 if self._one_look else self._settings.max_looks
+        remaining = 0.0
+        for _ in range(looks):
+            remaining = self._step(subtask, tolerance)
+            if remaining <= tolerance:
                 return True
+        if not self._one_look and remaining > max(self._settings.acceptable, tolerance):
+            raise NotAligned(
+                f"Subtask '{subtask}' is not aligned after {looks} looks: the last answer would turn a joint by "
+                f"{remaining:.4f} rad, {self._settings.acceptable:.4f} rad is acceptable. Show more demonstrations "
+                "near this place, or allow more looks."
+            )
         return False
+
+    def _step(self, subtask: str, tolerance: float) -> float:
+        """One look and, unless it is within `tolerance`, the move it asks for; the answer's largest angle in rad."""
+        self._job.check()
+        state, sighting, found, picture = self._look()
+        turn, answer = self._skill.answer(subtask, found, state.joints)
+        if refusal := self._refusal(subtask, turn, answer):
+            self._record(picture, sighting, found, turn, answer, ())
+            raise refusal
+        if self._robot.lockstep:
+            self._robot.wait(self._settings.thinking)
+        largest = float(np.max(np.abs(turn.angles)))
+        moved = self._move(state, turn) if largest > tolerance else ()
+        self._record(picture, sighting, found, turn, answer, moved)
+        return largest
 
     def _look(self) -> tuple[RobotState, Sighting, ImagePair, int]:
         """The state at rest, and a pair that shows it; raises `NotSeen` when object or hand is not found."""
@@ -125,7 +148,7 @@ class Run:
         if self._robot.lockstep and state.world_time < ready:
             # In lockstep nobody else lets the time pass that the cameras need.
             state = self._robot.wait(ready - state.world_time)
-        sighting = self._eyes.look(self._object, still_since)
+        sighting = self._eyes.look(self._object, still_since, self._keep_alive)
         pair = sighting.pair
         picture = self._keep_picture(side_by_side(pair.left.image, pair.right.image, sighting.found))
         if isinstance(sighting.found, NotSeen):
@@ -135,7 +158,12 @@ class Run:
             raise sighting.found
         return state, sighting, sighting.found, picture
 
-    def _refusal(self, subtask: str, answer: Answer) -> Exception | None:
+    def _keep_alive(self) -> None:
+        """Called while it waits for pictures: the control lease is kept, and a cancelled job ends."""
+        self._robot.beat()
+        self._job.check()
+
+    def _refusal(self, subtask: str, turn: JointDifference, answer: Answer) -> Exception | None:
         """Why the robot must not be moved by this answer; None when it may be."""
         if answer.support < self._settings.least_support:
             nearest = min(answer.neighbours, key=lambda neighbour: neighbour.distance)
@@ -144,8 +172,8 @@ class Run:
                 f"{self._settings.least_support:.2f} is asked for). The nearest demonstration is "
                 f"'{nearest.demonstration}'; show one there."
             )
-        joint = int(np.argmax(np.abs(answer.output)))
-        largest = float(abs(answer.output[joint]))
+        joint = int(np.argmax(np.abs(turn.angles)))
+        largest = float(abs(turn.angles[joint]))
         if not largest <= self._settings.largest_move:  # also true of nan
             return OutOfLimits(
                 f"The answer of subtask '{subtask}' would turn joint {joint + 1} by {largest:.2f} rad; one answer may "
@@ -153,19 +181,25 @@ class Run:
             )
         return None
 
-    def _move(self, before: RobotState, delta: Joints) -> tuple[float, ...]:
-        after = self._robot.adjust_joints(delta)
+    def _move(self, before: RobotState, turn: JointDifference) -> tuple[float, ...]:
+        after = self._robot.adjust_joints(turn.angles)
         return tuple(float(value) for value in after.joints - before.joints)
 
     def _record(
-        self, number: int, sighting: Sighting, found: ImagePair, answer: Answer, moved: tuple[float, ...]
+        self,
+        number: int,
+        sighting: Sighting,
+        found: ImagePair,
+        turn: JointDifference,
+        answer: Answer,
+        moved: tuple[float, ...],
     ) -> None:
         look = LookRecord(
             number=number,
             world_time=sighting.world_time,
             object=(found.object.row, found.object.column, found.object.disparity),
             hand=(found.hand.row, found.hand.column, found.hand.disparity),
-            delta=tuple(float(value) for value in answer.output),
+            delta=tuple(float(value) for value in turn.angles),
             support=answer.support,
             neighbours=tuple(
                 NeighbourRecord(demonstration=n.demonstration, distance=n.distance, weight=n.weight)

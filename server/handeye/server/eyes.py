@@ -5,23 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from handeye.camera_bridge.driver import CameraDriver, Image, StereoPair
+from handeye.camera_bridge.driver import CameraDriver, Image, StereoPair, Tick
 from handeye.modules.object_model import ObjectModel
-from handeye.modules.pipeline import recognise
+from handeye.modules.pipeline import Sees, recognise
 from handeye.modules.recognition import NotSeen, Recogniser
 from handeye.modules.spaces import ImagePair
 from handeye.server.problem import Invalid
 
 
-class Sight(Protocol):
-    """What learns objects and finds them and the hand; `Vision` is one."""
+class Sight(Sees, Protocol):
+    """What finds objects and the hand (RSS), and learns objects too; `Vision` is one."""
 
     def learn(self, name: str, backgrounds: list[Image], examples: list[Image]) -> None:
         """Learns what object `name` looks like; `Invalid` says what is wrong with the pictures."""
-        ...
-
-    def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
-        """Object and hand in the two pictures; `NotSeen` says what is missing in which picture."""
         ...
 
 
@@ -69,12 +65,13 @@ class Eyes:
         """A picture can be had this long after what it shows, in s of world time."""
         return self._cameras.latency
 
-    def look(self, object_name: str, not_older_than: float) -> Sighting:
+    def look(self, object_name: str, not_older_than: float, on_tick: Tick | None = None) -> Sighting:
         """A pair that shows the world at `not_older_than` (world time in s) or later, and what is in it.
 
-        `DeadlineExceeded` when there is no such pair in time.
+        `DeadlineExceeded` when there is no such pair in time. `on_tick` is called about every 20 ms while it waits for
+        the pictures; what it raises ends the wait.
         """
-        pair = self._cameras.grab_stereo(not_older_than, self._timeout)
+        pair = self._cameras.grab_stereo(not_older_than, self._timeout, on_tick)
         try:
             return Sighting(pair, recognise(self._sight, pair.left.image, pair.right.image, object_name))
         except NotSeen as missing:

@@ -170,7 +170,7 @@ class Jobs:
             )
         return job
 
-    def close(self, timeout: float = 10.0) -> None:
+    def close(self, timeout: float = 4.0) -> None:
         """Cancels what is under way and waits for it; no job starts afterwards."""
         deadline = time.monotonic() + timeout
         with self._lock:

@@ -55,7 +55,7 @@ class SubtaskRecord(_Record):
     ended: float | None = None
     """World time in s."""
     aligned: bool = False
-    """The last answer was within the tolerance; False when the looks ran out first."""
+    """The last answer was within the tolerance; False when the looks ran out first (or there was one look only)."""
     action: str | None = None
     """What the gripper did at the end."""
     looks: tuple[LookRecord, ...] = ()

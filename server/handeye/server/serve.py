@@ -22,7 +22,8 @@ from handeye.server.eyes import Vision
 from handeye.server.settings import ServerSettings
 from handeye.server.warmup import WarmUp
 
-_END_LIMIT = 5  # s that open requests get at the end
+_END_LIMIT = 2  # s that open requests get at the end
+_JOIN_LIMIT = 4.0  # s until the HTTP server's thread is left behind
 _SERVICES = {"Robot": "robot-bridge", "Camera": "camera-bridge"}  # and the verb that serves it
 
 
@@ -93,7 +94,7 @@ def http_server(app: FastAPI, listener: socket.socket, stop: threading.Event) ->
         yield
     finally:
         server.should_exit = True
-        thread.join(2 * _END_LIMIT)
+        thread.join(_JOIN_LIMIT)
 
 
 def _missing(bus: Bus, warm_up: WarmUp) -> list[str]:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict
 from handeye.modules import ijs, pipeline
 from handeye.modules.declaration import ApproximatorSettings, ModuleDeclaration
 from handeye.modules.module import Answer, CategoryStatistics, Module
-from handeye.modules.spaces import ImagePair, JointAngles
+from handeye.modules.spaces import ImagePair, JointAngles, JointDifference
 from handeye.robot_bridge.driver import Joints
 from handeye.server.demonstrations import Demonstration, Subtask
 from handeye.server.problem import Conflict, NotFound
@@ -116,11 +116,10 @@ class TrainedTask:
         self._module = Module(declaration)
         self.statistics = self._module.train(taught.inputs, taught.outputs, taught.demonstrations)
 
-    def answer(self, subtask: str, found: ImagePair, joints: Joints) -> Answer:
-        """The joint differences (rad) towards the goal of `subtask`, and where they come from (ASM, IJS)."""
+    def answer(self, subtask: str, found: ImagePair, joints: Joints) -> tuple[JointDifference, Answer]:
+        """ASM and IJS: how far each joint is to turn towards the goal of `subtask`, and where that comes from."""
         action = pipeline.specify_action(found)
-        _, answer = pipeline.image_to_joints(self._module, self._numbers[subtask], action, JointAngles(joints))
-        return answer
+        return pipeline.image_to_joints(self._module, self._numbers[subtask], action, JointAngles(joints))
 
 
 class Tasks:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import structlog
 
-_LIMIT = 20.0
+_LIMIT = 5.0
 
 log = structlog.get_logger(__name__)
 
@@ -27,7 +27,7 @@ class WarmUp:
         return self._missing
 
     def close(self) -> None:
-        """Waits for the compiler: cut off in its work, it can crash the interpreter's exit. 20 s at most."""
+        """Waits for the compiler: cut off in its work, it can crash the interpreter's exit. 5 s at most."""
         self._thread.join(_LIMIT)
 
     def _run(self) -> None:

@@ -12,9 +12,10 @@ from pathlib import Path
 
 from rich.console import Console
 
+from handeye.cli import CliError
 from handeye.cli.progress import progress
 from handeye.cli.up import Stack
-from handeye.client import Client, HandeyeError
+from handeye.client import Client, HandeyeError, TimedOut
 from handeye.client.models import Job
 from handeye.rpc import Bus
 from handeye.rpc.errors import RpcError
@@ -124,15 +125,10 @@ class Demonstration:
     def _trial(self, number: int, place: Place, *, one_look: bool) -> Judged:
         """Resets the world, places the cup, runs the task, and lets the referee judge."""
         self._stack.check()
-        if self._client.robot().stopped:
-            self._client.reset_robot()
         self._lab.reset(place.seed)
         self._lab.place(self._spec, (place.x, place.y), place.yaw)
         placed = self._lab.world().world_time
-        job = self._client.run_task(TASK, self._spec.name, one_look=one_look, timeout=TRIAL_TIMEOUT)
-        if not job.succeeded:
-            # A job that failed because a process died is the end of the demonstration, not a failed trial.
-            self._stack.check()
+        job = self._run(one_look=one_look)
         track = Track.of(self._lab.history(placed, every=SAMPLING), self._spec.name)
         ended = {part.name: part.ended for part in job.result.subtasks if part.ended is not None}
         result = score(track, CupSize(self._spec.radius, self._spec.height), ended)
@@ -147,6 +143,25 @@ class Demonstration:
             failure="" if job.succeeded else job.failure,
         )
         return Judged(trial, job)
+
+    def _run(self, *, one_look: bool) -> Job:
+        """The task as a job that has ended, the robot free to move again.
+
+        A job that failed by itself has stopped the arm and is a failed trial. A process that died and a stop by
+        somebody else are the end of the demonstration.
+        """
+        job = self._client.start_run(TASK, self._spec.name, one_look=one_look)
+        try:
+            job = self._client.follow(job.id, timeout=TRIAL_TIMEOUT)
+        except TimedOut:
+            self._client.cancel_job(job.id)
+            job = self._client.follow(job.id, timeout=TRIAL_TIMEOUT)
+        if not job.succeeded:
+            self._stack.check()
+            if job.error is not None and job.error.code == "stopped":
+                raise CliError(f"the robot was stopped from outside during a trial: {job.failure}")
+            self._client.reset_robot()
+        return job
 
     def _pictures(self, judged: Judged) -> Iterator[Picture]:
         """First and last look of each subtask of a trial, and the observer's view of its end."""

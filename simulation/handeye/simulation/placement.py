@@ -18,8 +18,11 @@ Array = NDArray[np.float64]
 _MARGIN = 0.01  # objects stand this far inside the table, m
 
 
-def require_on_table(spec: ObjectSpec, xy: Array) -> None:
-    """`InvalidArgument` when an object at `xy` (2,), m, would stand over the table's edge."""
+def require_on_table(spec: ObjectSpec, xy: Array, yaw: float) -> None:
+    """`InvalidArgument` when an object at `xy` (2,), m, turned by `yaw`, rad, would not stand on the table whole."""
+    for name, values in (("position", xy), ("yaw", yaw)):
+        if not np.isfinite(values).all():
+            raise InvalidArgument(f"{name} of {spec.name!r} must be finite, got {values}", detail=name)
     margin = spec.radius + _MARGIN
     (x0, x1), (y0, y1) = scene.TABLE_X, scene.TABLE_Y
     if not (x0 + margin <= xy[0] <= x1 - margin and y0 + margin <= xy[1] <= y1 - margin):

@@ -93,7 +93,7 @@ class Teacher:
 
     def register_object(self, seed: int) -> None:
         """Shows the coordinator the empty table, then the object at a few places: it learns what it looks like."""
-        self._reset(seed)
+        self._lab.reset(seed)
         with self._robot.lease():
             for _ in range(BACKGROUNDS):
                 self._client.add_background(self._spec.name, self._fresh())
@@ -103,7 +103,7 @@ class Teacher:
 
     def demonstrate(self, place: Place, random: np.random.Generator, on_look: Callable[[], None]) -> None:
         """One taught sequence with the object at `place`: approach, grasp, close, lift. `random` draws the motions."""
-        self._reset(place.seed)
+        self._lab.reset(place.seed)
         self._lab.place(self._spec, (place.x, place.y), place.yaw)
         truth = self._lab.world().object(self._spec.name).pose.position
         postures = grasping.solve_chain(truth[:2], height=float(truth[2]))
@@ -153,11 +153,6 @@ class Teacher:
         now = self._robot.state().world_time
         self._settle()
         return now
-
-    def _reset(self, seed: int) -> None:
-        if self._robot.state().stopped:
-            self._robot.reset()
-        self._lab.reset(seed)
 
 
 class _Recorder:

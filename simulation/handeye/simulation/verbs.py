@@ -75,7 +75,7 @@ def register(app: typer.Typer) -> None:
         Console().print(found.table())
         console.print(f"report: {report / 'report.html'}, {report / 'report.json'}  ({found.seconds:.0f} s)")
         if not found.passed:
-            console.print(f"[red]A subtask passed in fewer than {ENOUGH:.0%} of the random trials.[/]")
+            console.print(f"[red]A subtask passed in fewer than {ENOUGH:.0%} of the trials.[/]")
             raise typer.Exit(1)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal, Self
@@ -66,6 +68,7 @@ class World:
         self._grip_force = grip_force
         self._version = 0
         self._ticks = 0
+        self._advancing = False
         self._failure: Exception | None = None
         self._client: int = pybullet.connect(pybullet.DIRECT)
         if self._client < 0:
@@ -159,6 +162,16 @@ class World:
                 self._gripper.close()
             self._stillness.begin()
 
+    @contextmanager
+    def advancing(self) -> Iterator[None]:
+        """While world time is let pass with the arm at rest: the same as a motion to those who would be `Busy`."""
+        with self.lock:
+            self._advancing = True
+        try:
+            yield
+        finally:
+            self._advancing = False
+
     def brake(self) -> None:
         """Brings arm and fingers to a standstill within the acceleration limits."""
         with self.lock:
@@ -213,24 +226,23 @@ class World:
         """The truth now, or at a past world time (to the nearest physics step).
 
         Raises:
-            InvalidArgument: the time lies in the future, or further back than `history.REACH`.
+            InvalidArgument: the time is no finite number, lies in the future, or further back than `history.REACH`.
         """
         with self.lock:
-            step = self._step if world_time is None else round(world_time / STEP)
+            step = self._step if world_time is None else _steps("world_time", world_time)
             return self._history.recall(step)
 
     def history(self, start: float, end: float | None = None, every: float = 0.0) -> list[WorldState]:
         """The truth from `start` to `end` (None: now), one state every `every` s (0: every step), oldest first."""
         with self.lock:
-            last = self._step if end is None else round(end / STEP)
-            return [
-                self._history.recall(step) for step in range(round(start / STEP), last + 1, max(1, round(every / STEP)))
-            ]
+            first, stride = _steps("start", start), max(1, _steps("every", every))
+            last = self._step if end is None else _steps("end", end)
+            return [self._history.recall(step) for step in range(first, last + 1, stride)]
 
     # Changes, for the lab bus
 
     def reset(self, seed: int = 0) -> Scene:
-        """Rebuilds the world: arm parked, gripper open, no objects, world time 0. `Busy` during a motion."""
+        """Rebuilds the world: arm parked, gripper open, no objects, world time 0. `Busy` during motion or advance."""
         with self.lock:
             self._require_open()
             self._require_idle()
@@ -248,14 +260,14 @@ class World:
             yaw: rotation about the vertical, in rad.
 
         Raises:
-            Busy: during a motion.
-            InvalidArgument: the place is off the table or taken.
+            Busy: during a motion, or while the robot lets time pass.
+            InvalidArgument: place or yaw is not finite, or the place is off the table or taken.
         """
         with self.lock:
             self._require_open()
             self._require_idle()
             position = np.array(xy, dtype=np.float64)
-            placement.require_on_table(spec, position)
+            placement.require_on_table(spec, position, yaw)
             if spec.name in self._specs:
                 self.remove(spec.name)
             placement.put(self._stage, spec, position, yaw)
@@ -339,9 +351,17 @@ class World:
         self._history.replace(self._row())
 
     def _require_idle(self) -> None:
-        if self._stillness.busy:
+        if self._stillness.busy or self._advancing:
             raise Busy("a motion is under way; wait for its end or stop the robot")
 
     def _require_open(self) -> None:
         if self._client < 0:
             raise Internal("the simulated world is closed")
+
+
+def _steps(name: str, time: float) -> int:
+    """`time` s in physics steps, to the nearest."""
+    steps = time / STEP
+    if not math.isfinite(steps):
+        raise InvalidArgument(f"{name} must be a finite number of seconds, got {time}", detail=name)
+    return round(steps)

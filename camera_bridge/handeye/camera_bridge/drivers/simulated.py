@@ -8,12 +8,12 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
-from handeye.camera_bridge.driver import Frame, HeadState, StereoPair
+from handeye.camera_bridge.driver import Frame, HeadState, StereoPair, Tick
 from handeye.camera_bridge.turning import Range, Track, check_limits
 from handeye.proto.methods import ROBOT_ADVANCE
 from handeye.proto.v1 import robot_pb2
 from handeye.rpc import Bus, LabBusSettings
-from handeye.rpc.errors import Busy, DeadlineExceeded, InvalidArgument, RpcError, Unauthorised, Unavailable
+from handeye.rpc.errors import Busy, DeadlineExceeded, InvalidArgument, Unauthorised, Unavailable
 from handeye.simulation import rig
 from handeye.simulation.lab import LabClient
 from handeye.simulation.mirror import Mirror
@@ -90,14 +90,14 @@ class SimulatedCameras:
         """A frame can be had this long after what it shows, in s of world time."""
         return self._profile.latency
 
-    def grab_stereo(self, not_older_than: float, timeout: float) -> StereoPair:
+    def grab_stereo(self, not_older_than: float, timeout: float, on_tick: Tick | None = None) -> StereoPair:
         """A pair of which neither picture shows a time before `not_older_than` (world time in s).
 
         The right picture is taken the profile's skew after the left one, to the nearest physics step. Right after a
         reset, when no picture could be had yet, both show the world at time 0: so it has stood until then.
         """
         deadline = time.monotonic() + timeout
-        right = self._wait(not_older_than, self._skew, deadline)
+        right = self._wait(not_older_than, self._skew, deadline, on_tick)
         left = max(0, right - self._skew)
         with self._turn(deadline):
             head = self._head.at(left * STEP)
@@ -115,9 +115,11 @@ class SimulatedCameras:
         """Lets go of the mirror."""
         self._mirror.close()
 
-    def _wait(self, not_older_than: float, earlier: int, deadline: float) -> int:
+    def _wait(self, not_older_than: float, earlier: int, deadline: float, on_tick: Tick | None = None) -> int:
         """The step of the newest exposure to be had, once the one `earlier` steps before it is late enough too."""
         while True:
+            if on_tick is not None:
+                on_tick()
             now = self._head.now()
             newest = max(0, math.floor(now / STEP + 1e-6) - self._latency)
             if not_older_than <= 0.0 or newest - earlier >= _steps(not_older_than):
@@ -160,9 +162,7 @@ class SimulatedHead:
         self._unit = rig.rig().head
         self._lock = threading.Lock()
         self._turning = threading.Lock()
-        scene = lab.scene()
-        self._lockstep = scene.clock == "lockstep"
-        self._step = Profile.named(scene.profile).head_step
+        self._step = Profile.named(lab.scene().profile).head_step
         self._track = Track(self._unit.home, self._step, self._unit.speed, self._unit.acceleration)
         self._mark: tuple[float, int] | None = None
 
@@ -203,24 +203,27 @@ class SimulatedHead:
                 self._mark = (now, self._lab.world(now - STEP).scene_version)
             return now
 
-    def move(self, pan: float, tilt: float, lease_id: str, timeout: float) -> HeadState:
+    def move(self, pan: float, tilt: float, lease_id: str, timeout: float, on_tick: Tick | None = None) -> HeadState:
         """Turns to (pan, tilt) in rad, rounded to the unit's steps; returns when it stands still.
 
-        `OutOfLimits` outside the range, `Busy` while it turns for somebody else. In lockstep the robot bridge lets
-        world time pass under `lease_id`, with its errors; when it ends early the head stays where it is then.
+        `OutOfLimits` outside the range, `Busy` while it turns for somebody else. The robot bridge lets world time pass
+        under `lease_id`: lease, heartbeats and software stop are its to check, and its errors end the move. When a
+        move ends early the head stands still where it is then.
         """
         check_limits(pan, tilt, *self.limits)
         deadline = time.monotonic() + timeout
         if not self._turning.acquire(blocking=False):
             raise Busy("the head is turning already; wait until it stands still")
         try:
+            self._advance(0.0, lease_id, deadline, on_tick)  # refused before anything turns, if it is to be refused
             now = self.now()
             with self._lock:
                 end = self._track.turn(now, (pan, tilt)).end
-            if self._lockstep:
-                self._advance(end - now, lease_id, timeout)
-            else:
-                self._wait(end, deadline)
+            try:
+                self._advance(end - now, lease_id, deadline, on_tick)
+            except BaseException:
+                self._halt()
+                raise
             return self.state()
         finally:
             self._turning.release()
@@ -240,24 +243,16 @@ class SimulatedHead:
         except InvalidArgument:  # longer ago than the world remembers
             return False
 
-    def _advance(self, duration: float, lease_id: str, timeout: float) -> None:
-        """Lets the robot bridge pass `duration` s of world time, rounded up to its steps."""
+    def _advance(self, duration: float, lease_id: str, deadline: float, on_tick: Tick | None) -> None:
+        """Waits at the robot bridge until `duration` s of world time, rounded up to its steps, have passed."""
         request = robot_pb2.AdvanceRequest(lease_id=lease_id, duration=_steps(duration) * STEP)
-        try:
-            if request.duration > 0.0:
-                self._bus.call(ROBOT_ADVANCE, request, timeout=timeout)
-        except RpcError:
-            now = self.now()
-            with self._lock:
-                self._track.halt(now)
-            raise
+        self._bus.call(ROBOT_ADVANCE, request, timeout=deadline - time.monotonic(), on_tick=on_tick)
 
-    def _wait(self, end: float, deadline: float) -> None:
-        """Waits until world time has reached `end` by itself."""
-        while (now := self.now()) < end:
-            if time.monotonic() > deadline:
-                raise DeadlineExceeded(f"the head is still turning; it stands still in {end - now:.2f} s of world time")
-            time.sleep(_POLL)
+    def _halt(self) -> None:
+        """Stands still from now on."""
+        now = self.now()
+        with self._lock:
+            self._track.halt(now)
 
 
 def _steps(duration: float) -> int:

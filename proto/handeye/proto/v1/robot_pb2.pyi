@@ -230,9 +230,9 @@ class Pace(_message.Message):
     SPEED_FIELD_NUMBER: _builtins.int
     ACCELERATION_FIELD_NUMBER: _builtins.int
     speed: _builtins.float
-    """Share of the speed limits, in (0, 1]; 0 means the default, 0.5."""
+    """Share of the speed limits, in [0.001, 1]; 0 means the default, 0.5."""
     acceleration: _builtins.float
-    """Share of the acceleration limits, in (0, 1]; 0 means the default, 0.5."""
+    """Share of the acceleration limits, in [0.001, 1]; 0 means the default, 0.5."""
     def __init__(
         self,
         *,
@@ -327,17 +327,17 @@ class Heartbeat(_message.Message):
 
     DESCRIPTOR: _descriptor.Descriptor
 
-    LEASE_ID_FIELD_NUMBER: _builtins.int
-    lease_id: _builtins.str
-    """The lease that is alive."""
+    LEASE_DIGEST_FIELD_NUMBER: _builtins.int
+    lease_digest: _builtins.str
+    """SHA-256 of the lease, in hex: shows that its holder lives without giving the lease away."""
     def __init__(
         self,
         *,
-        lease_id: _builtins.str = ...,
+        lease_digest: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["lease_id", b"lease_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["lease_digest", b"lease_digest"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -11,20 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch, unwatched
-from handeye.rpc.errors import Busy, Internal, InvalidArgument, OutOfLimits, Stopped, Unreachable
+from handeye.robot_bridge.limits import (
+    DEFAULT_PACE,
+    READING_ERROR,
+    check_duration,
+    check_joints,
+    check_pace,
+    check_vector,
+    stopped,
+)
+from handeye.rpc.errors import Busy, Internal, OutOfLimits, Unreachable
 from handeye.simulation import gripper, kinematics, puma
 from handeye.simulation.grasping import PARK
 from handeye.simulation.scene import STEP
 from handeye.simulation.world import World
 
-DEFAULT_PACE = Pace()
 RAMP = Pace(0.2, 0.2)
-"""The first move after a reset is no faster than this."""
+"""The first move after the start or a reset is no faster than this."""
+RAMP_DISTANCE = 0.01
+"""A motion that brought no joint further than this, in rad, was no first move."""
 TABLE_CLEARANCE = 0.005
 """No part of hand or arm may be sent closer to the table than this, in m."""
 
-_PATH_SAMPLES = 12
-_LIMIT_TOLERANCE = 1e-3  # rad: backlash and encoder steps may make a reading look a little beyond a limit
+_LEAST_SAMPLES = 12
+_SAMPLE_DISTANCE = 0.03  # rad: no joint turns further between two samples of a path
 _TICK_TIMEOUT = 2.0  # s of wall time without a tick of the realtime clock that mean it is stuck
 _BRAKE_TIMEOUT = 2.0
 
@@ -41,7 +51,7 @@ class SimulatedRobot:
         self._command = threading.Lock()
         self._commander: int | None = None
         self._stop_reason: str | None = None
-        self._ramped = False
+        self._ramped = True
 
     @property
     def description(self) -> RobotDescription:
@@ -90,7 +100,7 @@ class SimulatedRobot:
 
         Of the joint positions that reach it the nearest is taken. Raises `Unreachable` when there is none.
         """
-        target = _vector("point", point, 3)
+        target = check_vector("point", point, 3)
         with self._commanding():
             joints = self._world.motors()
             pose = kinematics.forward(joints)
@@ -105,21 +115,20 @@ class SimulatedRobot:
 
     def move_to_joints(self, joints: Joints, pace: Pace = DEFAULT_PACE, watch: Watch = unwatched) -> RobotState:
         """Moves to `joints` (6,), rad."""
-        target = _vector("joints", joints, 6)
+        target = check_vector("joints", joints, 6)
         with self._commanding():
             return self._move(target, pace, watch)
 
     def adjust_joints(self, delta: Joints, pace: Pace = DEFAULT_PACE, watch: Watch = unwatched) -> RobotState:
         """Changes the joints by `delta` (6,), rad, from where they were last sent."""
-        change = _vector("delta", delta, 6)
+        change = check_vector("delta", delta, 6)
         with self._commanding():
             return self._move(self._world.motors() + change, pace, watch)
 
     def advance(self, duration: float, watch: Watch = unwatched) -> RobotState:
         """Lets `duration` s of world time pass, rounded up to whole physics steps."""
-        if not (math.isfinite(duration) and duration >= 0):
-            raise InvalidArgument(f"duration must be a finite number of seconds, not below zero; got {duration}")
-        with self._commanding():
+        check_duration(duration)
+        with self._commanding(), self._world.advancing():
             steps = math.ceil(duration / STEP - 1e-6)
             first = self._world.ticks
 
@@ -143,7 +152,8 @@ class SimulatedRobot:
         if not self._command.acquire(blocking=False):
             raise Busy("the robot is still braking; reset it when it stands")
         try:
-            self._stop_reason = None
+            with self._world.lock:
+                self._stop_reason = None
             self._ramped = True
         finally:
             self._command.release()
@@ -155,17 +165,23 @@ class SimulatedRobot:
 
     def _move_gripper(self, opening: bool, watch: Watch) -> RobotState:
         with self._commanding():
-            self._world.start_gripper(opening=opening)
+            with self._starting():
+                self._world.start_gripper(opening=opening)
             self._follow(lambda: not self._world.busy, lambda: self._world.gripper_fraction, watch)
             return self.state()
 
     def _move(self, goal: Joints, pace: Pace, watch: Watch) -> RobotState:
-        pace = self._ramp(_checked(pace))
-        goal = _within_limits(goal)
-        _check_workspace(self._world.motors(), goal)
-        motion = self._world.start_motion(goal, speed_share=pace.speed, acceleration_share=pace.acceleration)
-        self._ramped = False
+        check_pace(pace)
+        pace = self._ramp(pace)
+        check_joints(self.description, goal, READING_ERROR)
+        goal = np.clip(goal, puma.LOWER, puma.UPPER)
+        start = self._world.motors()
+        _check_workspace(start, goal)
+        with self._starting():
+            motion = self._world.start_motion(goal, speed_share=pace.speed, acceleration_share=pace.acceleration)
         self._follow(lambda: not self._world.busy, lambda: motion.fraction, watch)
+        if np.abs(goal - start).max() > RAMP_DISTANCE:
+            self._ramped = False
         return self.state()
 
     def _ramp(self, pace: Pace) -> Pace:
@@ -183,9 +199,10 @@ class SimulatedRobot:
                     watch(fraction())
                 except BaseException as error:
                     failure = error
-                    self._world.brake()
-            if (failure is not None or self._stop_reason is not None) and not self._world.busy:
-                break
+            if failure is not None or self._stop_reason is not None:
+                self._world.brake()
+                if not self._world.busy:
+                    break
         if failure is not None:
             raise failure
         self._require_unstopped()
@@ -209,6 +226,13 @@ class SimulatedRobot:
             self._commander = None
             self._command.release()
 
+    @contextmanager
+    def _starting(self) -> Iterator[None]:
+        """Whatever starts in here starts in one step with a last look at the stop: it comes before, or it brakes."""
+        with self._world.lock:
+            self._require_unstopped()
+            yield
+
     def _wait_for_command(self, timeout: float) -> None:
         """Waits until the command under way has left; not from inside it (its `watch`)."""
         if self._commander == threading.get_ident():
@@ -218,38 +242,13 @@ class SimulatedRobot:
 
     def _require_unstopped(self) -> None:
         if self._stop_reason is not None:
-            raise Stopped(f"the robot is stopped ({self._stop_reason}); reset it first")
-
-
-def _vector(name: str, values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    vector = np.asarray(values, dtype=np.float64)
-    if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise InvalidArgument(f"{name} must be {size} finite numbers, got {np.asarray(values).tolist()}", detail=name)
-    return vector
-
-
-def _checked(pace: Pace) -> Pace:
-    for name, share in (("speed", pace.speed), ("acceleration", pace.acceleration)):
-        if not 0.0 < share <= 1.0:
-            raise InvalidArgument(f"pace.{name} must be a share in (0, 1], got {share}", detail=name)
-    return pace
-
-
-def _within_limits(goal: Joints) -> Joints:
-    outside = np.flatnonzero((goal < puma.LOWER - _LIMIT_TOLERANCE) | (goal > puma.UPPER + _LIMIT_TOLERANCE))
-    if outside.size:
-        wrong = "; ".join(
-            f"joint {puma.JOINT_NAMES[i]} would be at {goal[i]:.4f} rad, its limits are"
-            f" [{puma.LOWER[i]:.4f}, {puma.UPPER[i]:.4f}] rad"
-            for i in outside
-        )
-        raise OutOfLimits(wrong, detail=puma.JOINT_NAMES[outside[0]])
-    return np.clip(goal, puma.LOWER, puma.UPPER)
+            raise stopped(self._stop_reason)
 
 
 def _check_workspace(start: Joints, goal: Joints) -> None:
     """`OutOfLimits` when fingers, wrist or elbow would come too near to the table, on the way or at its end."""
-    for share in np.arange(1, _PATH_SAMPLES + 1) / _PATH_SAMPLES:
+    samples = max(_LEAST_SAMPLES, math.ceil(np.abs(goal - start).max() / _SAMPLE_DISTANCE))
+    for share in np.arange(1, samples + 1) / samples:
         height = kinematics.lowest_point(start + share * (goal - start))
         if height < TABLE_CLEARANCE:
             raise OutOfLimits(

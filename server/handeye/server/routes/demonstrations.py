@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from fastapi import APIRouter, Response
 
 from handeye.server.demonstrations import Demonstration, Observation
 from handeye.server.problem import responses
-from handeye.server.routes import CoordinatorDep
+from handeye.server.routes import CameraLaneDep, CoordinatorDep
 from handeye.server.schemas import (
     ActionRequest,
     DemonstrationInfo,
@@ -44,9 +46,12 @@ def get_demonstration(demonstration_id: str, coordinator: CoordinatorDep) -> Dem
 
 
 @router.post("/{demonstration_id}/observations", status_code=201, responses=responses(404, 409, 503, 504))
-def add_observation(demonstration_id: str, request: ObservationRequest, coordinator: CoordinatorDep) -> ObservationInfo:
+async def add_observation(
+    demonstration_id: str, request: ObservationRequest, coordinator: CoordinatorDep, lane: CameraLaneDep
+) -> ObservationInfo:
     """Grabs a stereo pair that shows the arm at rest, recognises object and hand, and reads the joints."""
-    return _observation(coordinator.observe(demonstration_id, request.subtask, goal=request.goal, key=request.key))
+    observe = partial(coordinator.observe, demonstration_id, request.subtask, goal=request.goal, key=request.key)
+    return _observation(await lane.run(observe))
 
 
 @router.post("/{demonstration_id}/actions", status_code=201, responses=responses(404, 409))

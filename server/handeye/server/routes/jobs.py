@@ -19,7 +19,7 @@ router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 _EVENT_WAIT = 1.0  # s; bounds how long a thread outlives a caller who has gone
 
 
-def _job(job_id: str, coordinator: CoordinatorDep) -> Job:
+async def _job(job_id: str, coordinator: CoordinatorDep) -> Job:
     return coordinator.jobs.get(job_id)
 
 
@@ -33,9 +33,9 @@ def get_job(job: JobDep) -> JobView:
 
 
 @router.post("/{job_id}/cancel", status_code=202, responses=responses(404))
-def cancel_job(job: JobDep) -> JobView:
+async def cancel_job(job: JobDep) -> JobView:
     """Brakes the motion under way, stops the arm and ends the job; does nothing to a job that has ended."""
-    job.cancel()
+    job.cancel()  # only takes a note: no thread is needed, and none need be free
     return job.view()
 
 

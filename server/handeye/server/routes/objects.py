@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from fastapi import APIRouter
 
 from handeye.server.objects import TaughtObject
 from handeye.server.problem import responses
-from handeye.server.routes import CoordinatorDep
+from handeye.server.routes import CameraLaneDep, CoordinatorDep
 from handeye.server.schemas import Grab, Name, ObjectInfo, ObjectList
 
 router = APIRouter(prefix="/v1/objects", tags=["objects"])
@@ -21,15 +23,17 @@ def list_objects(coordinator: CoordinatorDep) -> ObjectList:
 
 
 @router.post("/{name}/backgrounds", status_code=201, responses=responses(409, 503, 504))
-def add_background(name: Name, coordinator: CoordinatorDep, grab: Grab = _NEWEST) -> ObjectInfo:
+async def add_background(
+    name: Name, coordinator: CoordinatorDep, lane: CameraLaneDep, grab: Grab = _NEWEST
+) -> ObjectInfo:
     """Grabs a stereo pair of the scene without the object."""
-    return _info(coordinator.show_object(name, "backgrounds", grab.not_older_than))
+    return _info(await lane.run(partial(coordinator.show_object, name, "backgrounds", grab.not_older_than)))
 
 
 @router.post("/{name}/examples", status_code=201, responses=responses(409, 503, 504))
-def add_example(name: Name, coordinator: CoordinatorDep, grab: Grab = _NEWEST) -> ObjectInfo:
+async def add_example(name: Name, coordinator: CoordinatorDep, lane: CameraLaneDep, grab: Grab = _NEWEST) -> ObjectInfo:
     """Grabs a stereo pair of the scene with the object; it is learned from all pairs so far."""
-    return _info(coordinator.show_object(name, "examples", grab.not_older_than))
+    return _info(await lane.run(partial(coordinator.show_object, name, "examples", grab.not_older_than)))
 
 
 def _info(taught: TaughtObject) -> ObjectInfo:

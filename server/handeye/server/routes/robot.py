@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from fastapi import APIRouter
 
 from handeye.robot_bridge.driver import RobotState
 from handeye.server.problem import responses
-from handeye.server.routes import CoordinatorDep
+from handeye.server.routes import CoordinatorDep, StopLaneDep
 from handeye.server.schemas import RobotInfo, StopRequest
 
 router = APIRouter(prefix="/v1/robot", tags=["robot"])
@@ -23,9 +24,9 @@ def robot_state(coordinator: CoordinatorDep) -> RobotInfo:
 
 
 @router.post("/stop", responses=responses(503, 504))
-def stop_robot(coordinator: CoordinatorDep, request: StopRequest = _UNASKED) -> RobotInfo:
+async def stop_robot(coordinator: CoordinatorDep, lane: StopLaneDep, request: StopRequest = _UNASKED) -> RobotInfo:
     """Brakes a motion under way and latches the software stop. Not safety-rated."""
-    return _info(coordinator.robot.stop(request.reason))
+    return _info(await lane.run(partial(coordinator.robot.stop, request.reason)))
 
 
 @router.post("/reset", responses=responses(409, 503, 504))
