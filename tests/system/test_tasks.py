@@ -19,7 +19,7 @@ from handeye.proto.methods import LAB_GET_WORLD
 from handeye.proto.v1 import lab_pb2
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc import Bus, LabBusSettings
-from handeye.rpc.errors import Unauthorised, Unavailable
+from handeye.rpc.errors import Busy, Unauthorised, Unavailable
 from handeye.rpc.settings import client_config
 from handeye.simulation.objects import ObjectSpec
 from handeye.simulation.teaching import acting_settings, lab_settings
@@ -130,22 +130,36 @@ def test_a_coordinator_that_falls_silent_is_stopped(lesson: Lesson) -> None:
     lesson.place()
     server = lesson.process("server")
 
-    def freeze() -> None:
-        lesson.catch_in_motion()
-        os.kill(server, signal.SIGSTOP)
-        try:
-            with Bus.open(acting_settings(lesson.stack.acting), name="tests") as bus:
-                robot = RemoteRobot(bus, "tests")
+    with Bus.open(acting_settings(lesson.stack.acting), name="tests") as bus:
+        robot = RemoteRobot(bus, "tests")
+
+        def freeze() -> None:
+            lesson.catch_in_motion()
+            os.kill(server, signal.SIGSTOP)
+            try:
                 deadline = time.monotonic() + 5.0
                 while not robot.state().stopped:
                     assert time.monotonic() < deadline, "the bridge did not stop the arm"
                     time.sleep(0.02)
-                before = robot.state()
-                assert np.max(np.abs(before.velocities)) < 1e-2
-        finally:
-            os.kill(server, signal.SIGCONT)
+                assert np.max(np.abs(robot.state().velocities)) < 1e-2
+            finally:
+                os.kill(server, signal.SIGCONT)
 
-    expect_refusal(lesson, "'coordinator' has been silent", meanwhile=freeze)
+        expect_refusal(lesson, "failed in subtask 'approach'", meanwhile=freeze)
+        log = (lesson.stack.state_dir / "logs" / "robot-bridge.log").read_text()
+        assert "the lease holder 'coordinator' has been silent" in log
+
+        def lease_is_free() -> bool:
+            try:
+                with robot.lease():
+                    return True
+            except Busy:
+                return False
+
+        deadline = time.monotonic() + 5.0
+        while not lease_is_free():
+            assert time.monotonic() < deadline, "a silent holder kept the lease"
+            time.sleep(0.1)
 
 
 def test_a_camera_bridge_killed_in_mid_task_ends_it(lesson: Lesson) -> None:
