@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from handeye.modules import ijs
 from handeye.modules.module import Module
-from handeye.modules.pipeline import Picture, Sees, image_to_joints, recognise, specify_action
+from handeye.modules.pipeline import Image, Sees, image_to_joints, recognise, specify_action
 from handeye.modules.spaces import ImagePair, ImagePoint, ImageVector, JointAngles
 
 LEFT = np.zeros((2, 2, 3), np.uint8)
@@ -19,7 +19,7 @@ class Eye:
     """Sees PAIR whatever it is shown, and remembers what that was."""
 
     def __init__(self) -> None:
-        self.shown: list[tuple[Picture, Picture, str]] = []
+        self.shown: list[tuple[Image, Image, str]] = []
 
     def see(self, left: NDArray[np.uint8], right: NDArray[np.uint8], name: str) -> ImagePair:
         self.shown.append((left, right, name))

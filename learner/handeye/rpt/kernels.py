@@ -20,7 +20,7 @@ SQRT2 = math.sqrt(2.0)
 
 
 @njit(cache=True, nogil=True)
-def distance(a, b):  # type: ignore[no-untyped-def]
+def distance(a, b):
     """Euclidean distance between two vectors (eq 3.1)."""
     total = 0.0
     for i in range(a.shape[0]):
@@ -30,13 +30,13 @@ def distance(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def comes_before(distance_a, key_a, distance_b, key_b):  # type: ignore[no-untyped-def]
+def comes_before(distance_a, key_a, distance_b, key_b):
     """Whether a is nearer than b; at equal distance, whether its sample number is smaller."""
     return distance_a < distance_b or (distance_a == distance_b and key_a < key_b)
 
 
 @njit(cache=True, nogil=True)
-def insert(distances, keys, values, count, new_distance, new_key, new_value):  # type: ignore[no-untyped-def]
+def insert(distances, keys, values, count, new_distance, new_key, new_value):
     """Puts an entry into a list sorted by (distance, key) that keeps the first `distances.size`; returns its length."""
     capacity = distances.shape[0]
     if count == capacity:
@@ -61,7 +61,7 @@ def insert(distances, keys, values, count, new_distance, new_key, new_value):  #
 
 
 @njit(cache=True, nogil=True)
-def nearest_child(points, sample, first_child, next_sibling, node, query):  # type: ignore[no-untyped-def]
+def nearest_child(points, sample, first_child, next_sibling, node, query):
     """The child of `node` that is nearest to sample `query`, and its distance. Ties go to the smaller sample number."""
     best = first_child[node]
     best_distance = distance(points[sample[best]], points[query])
@@ -76,7 +76,7 @@ def nearest_child(points, sample, first_child, next_sibling, node, query):  # ty
 
 
 @njit(cache=True, nogil=True)
-def grow(points, radii):  # type: ignore[no-untyped-def]
+def grow(points, radii):
     """Builds the tree level by level by the rules of Fig 3.18; radii[l - 1] is T(l).
 
     Returns (nodes, sample, parent, level, first_child, next_sibling, home): the number of nodes, arrays over nodes in
@@ -136,7 +136,7 @@ def grow(points, radii):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def arrange(nodes, first_child, next_sibling):  # type: ignore[no-untyped-def]
+def arrange(nodes, first_child, next_sibling):
     """Breadth-first order of the nodes, in which children stand side by side in the order in which they were made.
 
     Returns (order, first, count): order[i] is the old number of new node i; first and count are the new number of the
@@ -159,7 +159,7 @@ def arrange(nodes, first_child, next_sibling):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def covering_radii(points, sample, parent, members, leaf_of_member):  # type: ignore[no-untyped-def]
+def covering_radii(points, sample, parent, members, leaf_of_member):
     """For every node the distance from its vector to the farthest sample below it; infinite for the virtual root."""
     cover = np.zeros(sample.shape[0])
     cover[0] = np.inf
@@ -175,7 +175,7 @@ def covering_radii(points, sample, parent, members, leaf_of_member):  # type: ig
 
 
 @njit(cache=True, nogil=True)
-def scan_leaf(tree, leaf, query, ids, distances, count):  # type: ignore[no-untyped-def]
+def scan_leaf(tree, leaf, query, ids, distances, count):
     """Offers the samples of `leaf` to the sorted list of the nearest; returns the list's length."""
     start = tree.first_member[leaf]
     for place in range(start, start + tree.member_count[leaf]):
@@ -187,7 +187,7 @@ def scan_leaf(tree, leaf, query, ids, distances, count):  # type: ignore[no-unty
 
 
 @njit(cache=True, nogil=True)
-def beam(tree, query, width, ids, distances):  # type: ignore[no-untyped-def]
+def beam(tree, query, width, ids, distances):
     """Fills ids and distances with the nearest samples found by a beam search (3.2.2).
 
     On every level the `width` nearest nodes are kept and only their children looked at; a leaf, once reached, goes on
@@ -226,7 +226,7 @@ def beam(tree, query, width, ids, distances):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def exact(tree, query, ids, distances):  # type: ignore[no-untyped-def]
+def exact(tree, query, ids, distances):
     """Fills ids and distances with the true nearest samples: depth first, nearest child first, branch and bound.
 
     A subtree is left out when even the nearest point of its covering ball is farther than the worst neighbour held.
@@ -267,14 +267,14 @@ def exact(tree, query, ids, distances):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def beam_many(tree, queries, width, ids, distances):  # type: ignore[no-untyped-def]
+def beam_many(tree, queries, width, ids, distances):
     """`beam` for every row of queries."""
     for i in range(queries.shape[0]):
         beam(tree, queries[i], width, ids[i], distances[i])
 
 
 @njit(cache=True, nogil=True)
-def exact_many(tree, queries, ids, distances):  # type: ignore[no-untyped-def]
+def exact_many(tree, queries, ids, distances):
     """`exact` for every row of queries."""
     for i in range(queries.shape[0]):
         exact(tree, queries[i], ids[i], distances[i])
@@ -284,7 +284,7 @@ def exact_many(tree, queries, ids, distances):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def solve_in_place(matrix, right):  # type: ignore[no-untyped-def]
+def solve_in_place(matrix, right):
     """Solves matrix @ x = right by Cholesky's factors; matrix is symmetric and positive definite; x replaces right."""
     n = matrix.shape[0]
     for j in range(n):
@@ -307,7 +307,7 @@ def solve_in_place(matrix, right):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def terms(offset, degree, out):  # type: ignore[no-untyped-def]
+def terms(offset, degree, out):
     """Fills out with the terms of a polynomial in offset (d,): its components; for degree 2 also all their products.
 
     Mixed products carry a factor sqrt(2): then a ridge on the products does not depend on how the inputs are rotated.
@@ -323,7 +323,7 @@ def terms(offset, degree, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def local_fit(query, inputs, outputs, weights, degree, ridge, curvature_ridge, value, slope):  # type: ignore[no-untyped-def]
+def local_fit(query, inputs, outputs, weights, degree, ridge, curvature_ridge, value, slope):
     """Fits a polynomial of degree 1 or 2 to k neighbours by weighted, ridge-regularised least squares.
 
     inputs (k, d); outputs (k, p); weights (k,) not negative and not all zero. Inputs are counted from their weighted

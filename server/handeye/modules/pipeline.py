@@ -1,11 +1,11 @@
 """The way of the data, one short function for each arrow. The page to read first.
 
-    pictures --RSS--> I --ASM--> I' --IJS--> delta theta --> robot
+    images --RSS--> I --ASM--> I' --IJS--> Δθ --> robot
 
-* Pictures: left and right, (height, width, 3) uint8.
+* Images: left and right, (rows, columns, 3) uint8.
 * I (`ImagePair`): where object and hand are in the stereo image, two points (row, column, disparity) in px.
 * I' (`ImageVector`): the action, as the way from hand to object in the stereo image, in px.
-* delta theta (`JointDifference`): how far each joint is to turn, in rad.
+* Δθ (`JointDifference`): how far each joint is to turn, in rad.
 
 The acting loop of `handeye.server.executor` goes this way once for each look.
 
@@ -14,7 +14,7 @@ subtask goes with it. IJS, image to joints, is the learned module that the thesi
 Nothing on this way knows where the cameras or the arm stand: what it needs of that is in the taught samples.
 
 IJS is a short cut. The long way of the thesis (3.1) is not here yet: CSS, from I' to a point C in the camera's frame;
-CAS, from C and the head's pan and tilt to a point A in the arm's frame; AJS, from A and the joints to delta theta; and
+CAS, from C and the head's pan and tilt to a point A in the arm's frame; AJS, from A and the joints to Δθ; and
 beside it SCS, from I to the turn of the head that centres the object. Until then the head must stand as it stood while
 teaching.
 """
@@ -30,22 +30,22 @@ from handeye.modules.ijs import input_vector
 from handeye.modules.module import Answer, Module
 from handeye.modules.spaces import ImagePair, ImageVector, JointAngles, JointDifference
 
-Picture = NDArray[np.uint8]
+Image = NDArray[np.uint8]
 
 
 class Sees(Protocol):
-    """RSS: what finds an object by its name, and the hand, in two pictures.
+    """RSS: what finds an object by its name, and the hand, in two images.
 
     `handeye.modules.recognition.Recogniser` does; it raises `NotSeen` when one of them is not to be found.
     """
 
-    def see(self, left: Picture, right: Picture, name: str, /) -> ImagePair:
+    def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
         """Where object and hand are."""
         ...
 
 
-def recognise(recogniser: Sees, left: Picture, right: Picture, object_name: str) -> ImagePair:
-    """RSS: two pictures -> I."""
+def recognise(recogniser: Sees, left: Image, right: Image, object_name: str) -> ImagePair:
+    """RSS: two images -> I."""
     return recogniser.see(left, right, object_name)
 
 
@@ -61,7 +61,7 @@ def specify_action(found: ImagePair) -> ImageVector:
 def image_to_joints(
     ijs: Module, subtask: int, action: ImageVector, joints: JointAngles
 ) -> tuple[JointDifference, Answer]:
-    """IJS: the subtask's number, I' and the joints -> delta theta, and the answer it was taken from.
+    """IJS: the subtask's number, I' and the joints -> Δθ, and the answer it was taken from.
 
     Raises `NotTaught` when the subtask was never shown.
     """
