@@ -140,6 +140,16 @@ def test_looks_run_out_far_from_the_goal_and_the_gripper_does_not_close(lab: Lab
     assert "close_gripper" not in lab.robot.commands
 
 
+def test_looks_run_out_where_no_gripper_acts_and_the_task_goes_on(lab: Lab) -> None:
+    train(lab, max_looks=6, last_tolerance=1e-9, acceptable=1e-9)
+    lab.world.reads = 0.9
+    job = run(lab)
+    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
+    grasp, lift = job.result.subtasks
+    assert (grasp.aligned, lift.aligned, lift.action) == (True, False, None)
+    assert max(np.abs(lift.looks[-1].delta)) > 1e-9
+
+
 def test_the_last_subtask_may_end_with_its_own_wider_tolerance(lab: Lab) -> None:
     train(lab, acceptable=1e-6)
     assert run(lab).state is JobState.SUCCEEDED

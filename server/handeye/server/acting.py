@@ -27,8 +27,8 @@ class ActingSettings(BaseModel):
     last_tolerance: float = Field(default=0.01, gt=0.0)
     """The same for the last subtask (the lift): nothing follows that its error could spoil."""
     acceptable: float = Field(default=0.006, gt=0.0)
-    """When the looks have run out, a subtask still goes on if no joint of the last answer was larger, in rad: then
-    it is noise that keeps the answers above the tolerance, and looking longer would not help."""
+    """When the looks have run out, the gripper still acts if no joint of the last answer was larger, in rad: then it is
+    noise that keeps the answers above the tolerance, and looking longer would not help."""
     thinking: float = Field(default=0.05, ge=0.0)
     """World time that each look is charged in lockstep, in s: thinking is not free there either."""
     settle: float = Field(default=0.02, ge=0.0)

@@ -97,7 +97,7 @@ class Run:
     def _do(self, subtask: Subtask, tolerance: float) -> None:
         self._subtasks.append(SubtaskRecord(name=subtask.name, state="running", started=self._robot.state().world_time))
         self._publish("subtask")
-        aligned = self._align(subtask.name, tolerance)
+        aligned = self._align(subtask, tolerance)
         if subtask.action == "close_gripper":
             self._robot.close_gripper()
         elif subtask.action == "open_gripper":
@@ -105,21 +105,22 @@ class Run:
         ended = self._robot.state().world_time
         self._update("subtask", state="succeeded", ended=ended, aligned=aligned, action=subtask.action)
 
-    def _align(self, subtask: str, tolerance: float) -> bool:
-        """Looks and moves until the answer is within `tolerance` (rad).
+    def _align(self, subtask: Subtask, tolerance: float) -> bool:
+        """Looks and moves until the answer is within `tolerance` (rad); False when the looks ran out first.
 
-        False when the looks ran out first, with the last answer still acceptable; `NotAligned` when it was not. With
-        one look only there is nothing to check by: it moves by the one answer, as the thesis does.
+        `NotAligned` when they did, a gripper action comes next and the last answer was not acceptable either: a gripper
+        acts only where it was shown to. With one look only there is nothing to check by: it moves by the one answer and
+        acts, as the thesis does.
         """
         looks = 1 if self._one_look else self._settings.max_looks
         remaining = 0.0
         for _ in range(looks):
-            remaining = self._step(subtask, tolerance)
+            remaining = self._step(subtask.name, tolerance)
             if remaining <= tolerance:
                 return True
-        if not self._one_look and remaining > max(self._settings.acceptable, tolerance):
+        if subtask.action and not self._one_look and remaining > max(self._settings.acceptable, tolerance):
             raise NotAligned(
-                f"Subtask '{subtask}' is not aligned after {looks} looks: the last answer would turn a joint by "
+                f"Subtask '{subtask.name}' is not aligned after {looks} looks: the last answer would turn a joint by "
                 f"{remaining:.4f} rad, {self._settings.acceptable:.4f} rad is acceptable. Show more demonstrations "
                 "near this place, or allow more looks."
             )
