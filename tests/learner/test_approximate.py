@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from handeye import rpt
 from handeye.rpt import approximate
-
-Floats = NDArray[np.float64]
+from tests.learner import reference
+from tests.learner.forms import Floats, examples
 
 
 @st.composite
@@ -52,7 +51,7 @@ def test_kndb_weights_are_those_of_the_thesis() -> None:
 
 
 @given(neighbourhood=neighbourhoods(), alpha=st.floats(1, 1e6))
-@settings(deadline=None)
+@examples(100)
 def test_kndb_is_a_mean_of_its_neighbours(neighbourhood: tuple[Floats, ...], alpha: float) -> None:
     _, _, outputs, distances = neighbourhood
     weights = approximate.kndb_weights(distances, alpha=alpha)
@@ -94,7 +93,7 @@ def test_kndb2_is_exact_on_linear_functions() -> None:
 
 
 @given(neighbourhood=neighbourhoods())
-@settings(deadline=None)
+@examples(100)
 def test_kndb2_without_slopes_is_kndb(neighbourhood: tuple[Floats, ...]) -> None:
     query, inputs, outputs, distances = neighbourhood
     flat = np.zeros((len(inputs), outputs.shape[1], inputs.shape[1]))
@@ -134,7 +133,7 @@ def test_kndb2_beats_kndb_on_a_smooth_function() -> None:
     outputs, queries = function(inputs), rng.uniform(-0.9, 0.9, size=(50, 2))
     tree = rpt.build(inputs)
     gradients = approximate.estimate_gradients(tree, outputs, neighbours=10, smoothing=0.1, ridge=1e-6)
-    ids, distances = rpt.query_exact(tree, queries, 5)
+    ids, distances = tree.exact(queries, 5)
     plain = [approximate.kndb(outputs[i], d, alpha=3.0) for i, d in zip(ids, distances, strict=True)]
     second = [
         approximate.kndb2(q, inputs[i], outputs[i], gradients[i], d, alpha=3.0)
@@ -148,7 +147,7 @@ def test_kndb2_beats_kndb_on_a_smooth_function() -> None:
 
 
 @given(neighbourhood=neighbourhoods(), smoothing=st.floats(1e-3, 10))
-@settings(deadline=None)
+@examples(100)
 def test_local_weights_fall_with_the_distance(neighbourhood: tuple[Floats, ...], smoothing: float) -> None:
     weights = approximate.local_weights(neighbourhood[3], smoothing=smoothing)
     assert weights.sum() == pytest.approx(1)
@@ -207,7 +206,7 @@ def reference_fit(
 
 
 @given(seed=st.integers(0, 10**6), k=st.integers(2, 30), d=st.integers(1, 4), ridge=st.floats(1e-3, 1))
-@settings(deadline=None)
+@examples(100)
 def test_local_fits_are_ridge_regression(seed: int, k: int, d: int, ridge: float) -> None:
     rng = np.random.default_rng(seed)
     query, inputs, outputs = rng.normal(size=d), rng.normal(size=(k, d)), rng.normal(size=(k, 2))
@@ -226,7 +225,7 @@ def fits(query: Floats, inputs: Floats, outputs: Floats, weights: Floats) -> lis
 
 
 @given(neighbourhood=neighbourhoods())
-@settings(deadline=None)
+@examples(100)
 def test_local_fits_are_finite_and_meet_constants(neighbourhood: tuple[Floats, ...]) -> None:
     query, inputs, outputs, distances = neighbourhood
     weights = approximate.local_weights(distances, smoothing=0.1)
@@ -259,6 +258,38 @@ def test_a_fit_does_not_depend_on_the_inputs_unit_or_rotation() -> None:
     assert np.allclose(before, after)
 
 
+# --- leaf maps --------------------------------------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 10**6), d=st.integers(1, 5), p=st.integers(1, 3), radius=st.sampled_from([1e-6, 1.0, 1e3]))
+@examples(100)
+def test_leaf_maps_are_those_of_the_thesis(seed: int, d: int, p: int, radius: float) -> None:
+    rng = np.random.default_rng(seed)
+    sample, matrix, bend = rng.normal(size=d), rng.normal(size=(p, d)), rng.normal(size=(p, d, d))
+
+    def teacher(inputs: Floats) -> Floats:
+        steps = (inputs - sample) / radius
+        return np.asarray(steps @ matrix.T + np.einsum("na,pab,nb->np", steps, bend, steps))
+
+    derived = reference.derived_points(sample.tolist(), radius)
+    found = approximate.leaf_map(sample, teacher(sample[np.newaxis])[0], derived, teacher(derived))
+    assert np.allclose(found * radius, reference.leaf_map(teacher, sample.tolist(), radius) * radius, atol=1e-6)
+
+
+def test_a_leaf_map_from_any_points_is_least_squares_through_the_sample() -> None:
+    rng = np.random.default_rng(12)
+    sample, output = rng.normal(size=3), rng.normal(size=2)
+    inputs, outputs = sample + rng.normal(size=(9, 3)), rng.normal(size=(9, 2))
+    expected = np.linalg.lstsq(inputs - sample, outputs - output, rcond=None)[0].T
+    assert np.allclose(approximate.leaf_map(sample, output, inputs, outputs), expected, atol=1e-6)
+
+
+def test_a_direction_without_a_derived_point_gets_no_slope() -> None:
+    derived = [[1.0, 0.0], [-1.0, 0.0]]
+    assert np.allclose(approximate.leaf_map([0.0, 0.0], [1.0], derived, [[4.0], [-2.0]]), [[3.0, 0.0]])
+    assert approximate.leaf_map([1.0, 1.0], [0.0], np.ones((3, 2)), np.ones((3, 1))).tolist() == [[0.0, 0.0]]
+
+
 # --- errors ---------------------------------------------------------------------------------------------------------
 
 
@@ -286,6 +317,12 @@ def test_bad_parameters_are_errors() -> None:
         approximate.local_linear([0.0, 0.0], one, one, [1.0], ridge=1)
     with pytest.raises(ValueError, match="at least one row"):
         approximate.nearest(np.zeros((0, 2)))
+    with pytest.raises(ValueError, match="shapes do not fit"):
+        approximate.leaf_map([0.0, 0.0], [0.0], one, one)
+    with pytest.raises(ValueError, match="shapes do not fit"):
+        approximate.leaf_map([0.0], [0.0], one, np.ones((2, 1)))
+    with pytest.raises(ValueError, match="ridge"):
+        approximate.leaf_map([0.0], [0.0], one, one, ridge=0)
 
 
 def test_gradients_need_every_sample_and_its_output() -> None:

@@ -1,239 +1,109 @@
-"""Batch construction against a slow, literal transcription of Fig 3.18."""
+"""Batch construction against the literal tree, node by node (Fig 3.18)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from hypothesis.extra import numpy as arrays
 
 from handeye import rpt
-
-Points = Sequence[Sequence[float]]
-
-
-# --- the reference: nothing of ours in it ---------------------------------------------------------------------------
-
-
-@dataclass(eq=False)
-class Node:
-    sample: int
-    level: int
-    parent: Node | None = None
-    children: list[Node] = field(default_factory=list)
-    covered: list[int] = field(default_factory=list)
-
-    def shape(self) -> tuple[int, int, list[object]]:
-        return (self.sample, self.level, [child.shape() for child in self.children])
+from handeye.rpt.kernels import layout
+from tests.learner import reference
+from tests.learner.examples import adversarial
+from tests.learner.forms import JIT_OFF, RADII, Floats, answer, brute_force, canonical, examples, grids
 
 
-def distance(a: Sequence[float], b: Sequence[float]) -> float:
-    total = 0.0
-    for x, y in zip(a, b, strict=True):
-        total += (x - y) * (x - y)
-    return math.sqrt(total)
+def check_same(points: Floats, radii: list[float], *, keep_covered: bool = True) -> None:
+    tree = rpt.build(points, radii=radii, keep_covered=keep_covered)
+    literal = reference.build(points, radii, keep_covered=keep_covered)
+    assert canonical(tree) == literal.canonical()
+    assert tree.samples == len(literal.filed(literal.root))
 
 
-def descend(root: Node, points: Points, q: int) -> Node:
-    """Uses Q as a query into the existing tree until a leaf is reached (3.2.2)."""
-    node = root
-    while node.children:
-        node = min(node.children, key=lambda child: (distance(points[child.sample], points[q]), child.sample))
-    return node
+@given(points=st.integers(1, 3).flatmap(grids), radii=st.sampled_from(RADII), keep=st.booleans())
+@examples(400)
+def test_is_the_literal_tree_node_by_node(points: Floats, radii: list[float], keep: bool) -> None:
+    check_same(points, radii, keep_covered=keep)
 
 
-def construct(points: Points, radii: Sequence[float]) -> Node:
-    root = Node(sample=-1, level=0)
-    for level, radius in enumerate(radii, start=1):
-        for q in range(len(points)):
-            x = descend(root, points, q)
-            if x is root:
-                root.children.append(Node(q, level, root))
-                continue
-            far = distance(points[x.sample], points[q]) > radius
-            if x.level < level - 1:
-                continue
-            if x.level == level - 1 and far:
-                x.children += [Node(x.sample, level, x), Node(q, level, x)]
-            elif x.level == level and far:
-                assert x.parent is not None
-                x.parent.children.append(Node(q, level, x.parent))
-    for q in range(len(points)):
-        descend(root, points, q).covered.append(q)
-    return root
-
-
-# --- what the product built, in the same form -----------------------------------------------------------------------
-
-
-def shape(tree: rpt.Tree, node: int = 0) -> tuple[int, int, list[object]]:
-    first = tree.first_child[node]
-    children = [shape(tree, child) for child in range(first, first + tree.child_count[node])]
-    return (int(tree.sample[node]), int(tree.level[node]), list(children))
-
-
-def leaf_contents(tree: rpt.Tree) -> dict[int, list[int]]:
-    """Samples by the sample that their leaf holds."""
-    contents = {}
-    for node in np.flatnonzero(tree.child_count == 0):
-        start = tree.first_member[node]
-        contents[int(tree.sample[node])] = tree.members[start : start + tree.member_count[node]].tolist()
-    return contents
-
-
-def reference_contents(node: Node) -> dict[int, list[int]]:
-    if not node.children:
-        return {node.sample: node.covered}
-    return {sample: covered for child in node.children for sample, covered in reference_contents(child).items()}
-
-
-def check_same(points: NDArray[np.float64], radii: Sequence[float]) -> None:
-    tree = rpt.build(points, radii=radii)
-    expected = construct(points.tolist(), radii)
-    assert shape(tree) == expected.shape()
-    assert leaf_contents(tree) == reference_contents(expected)
-
-
-RADII = [[3.0], [4.0, 2.0, 1.0], [8.0, 4.0, 2.0, 1.0, 0.5], [1.5, 0.0], [math.sqrt(2), 1.0]]
-
-# Points on a coarse grid: duplicates, collinear points and equal distances are the rule, not the exception.
-grids = st.integers(1, 3).flatmap(
-    lambda d: st.lists(st.lists(st.integers(-6, 6).map(float), min_size=d, max_size=d), min_size=1, max_size=40)
-)
-
-
-@given(points=grids, radii=st.sampled_from(RADII))
-@settings(deadline=None, max_examples=150)
-def test_is_the_literal_tree_node_by_node(points: list[list[float]], radii: list[float]) -> None:
-    check_same(np.array(points), radii)
-
-
-@given(seed=st.integers(0, 10**6), n=st.integers(1, 60), d=st.integers(1, 5))
-@settings(deadline=None, max_examples=50)
-def test_is_the_literal_tree_on_random_points_with_derived_radii(seed: int, n: int, d: int) -> None:
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 80), d=st.integers(1, 5), levels=st.integers(1, 6))
+@examples(150)
+def test_is_the_literal_tree_on_random_points(seed: int, n: int, d: int, levels: int) -> None:
     points = np.random.default_rng(seed).normal(size=(n, d))
-    check_same(points, rpt.derive_radii(points).tolist())
-
-
-def adversarial() -> dict[str, NDArray[np.float64]]:
-    rng = np.random.default_rng(5)
-    scattered = rng.normal(size=(50, 2)) * 4
-    line = np.outer(np.linspace(0, 12, 49), [3.0, -1.0])
-    return {
-        "one sample": np.zeros((1, 3)),
-        "all the same": np.ones((30, 2)),
-        "duplicates": np.repeat(scattered[:10], 4, axis=0),
-        "collinear": line,
-        "collinear, reversed": line[::-1],
-        "scattered": scattered,
-        "scattered, reversed": scattered[::-1],
-        "two far clusters": np.concatenate([scattered * 0.1, scattered * 0.1 + 1000.0]),
-        "a geometric sequence": 2.0 ** np.arange(-10, 30)[:, np.newaxis],
-    }
+    check_same(points, [3.0 * 0.6**level for level in range(levels)])
+    check_same(points, rpt.derive_radii(points, fan_out=3).tolist())
 
 
 @pytest.mark.parametrize("case", adversarial())
 @pytest.mark.parametrize("radii", [*RADII, None], ids=str)
-def test_is_the_literal_tree_on_adversarial_inputs(case: str, radii: list[float] | None) -> None:
+@pytest.mark.parametrize("keep", [True, False], ids=["kept", "dropped"])
+def test_is_the_literal_tree_on_adversarial_inputs(case: str, radii: list[float] | None, keep: bool) -> None:
     points = adversarial()[case]
-    check_same(points, rpt.derive_radii(points).tolist() if radii is None else radii)
+    check_same(points, rpt.derive_radii(points).tolist() if radii is None else radii, keep_covered=keep)
+
+
+@pytest.mark.parametrize("n", [layout.PAGE_LANES, layout.PAGE_LANES + 1, layout.FLAT_LANES + 1, 1300])
+def test_is_the_literal_tree_where_leaves_take_several_pages(n: int) -> None:
+    points = np.random.default_rng(n).normal(size=(n, 2))
+    for radii in ([100.0], [1.0], [1.5, 0.2]):
+        check_same(points, radii)
+    check_same(np.repeat(points[: n // 8], 8, axis=0), [1.5, 0.2])
 
 
 def test_the_order_of_the_samples_shapes_the_tree() -> None:
     points = np.array([[0.0], [2.0], [4.0]])
-    assert shape(rpt.build(points, radii=[3.0])) != shape(rpt.build(points[[1, 0, 2]], radii=[3.0]))
-
-
-# --- the arrays -----------------------------------------------------------------------------------------------------
-
-
-def scattered_tree(**options: bool) -> rpt.Tree:
-    return rpt.build(np.random.default_rng(1).normal(size=(300, 3)), **options)
-
-
-def test_a_node_that_splits_is_its_own_first_child() -> None:
-    tree = scattered_tree()
-    split = np.flatnonzero(tree.child_count)[1:]
-    assert len(split) > 10
-    assert np.array_equal(tree.sample[tree.first_child[split]], tree.sample[split])
-
-
-def test_covering_radii_cover_exactly() -> None:
-    tree = scattered_tree()
-
-    def below(node: int) -> list[int]:
-        if tree.child_count[node] == 0:
-            start = tree.first_member[node]
-            return tree.members[start : start + tree.member_count[node]].tolist()  # type: ignore[no-any-return]
-        first = tree.first_child[node]
-        return [sample for child in range(first, first + tree.child_count[node]) for sample in below(child)]
-
-    for node in range(1, len(tree.sample)):
-        distances = np.linalg.norm(tree.points[below(node)] - tree.points[tree.sample[node]], axis=1)
-        assert tree.cover[node] == pytest.approx(distances.max(), abs=1e-12)
-    assert sorted(below(0)) == list(range(300))
+    assert canonical(rpt.build(points, radii=[3.0])) != canonical(rpt.build(points[[1, 0, 2]], radii=[3.0]))
 
 
 def test_covered_samples_are_kept_or_dropped() -> None:
-    kept = scattered_tree()
-    dropped = scattered_tree(keep_covered=False)
-    assert shape(kept) == shape(dropped)
-    assert sorted(kept.members.tolist()) == list(range(300))
-    leaves = dropped.child_count == 0
-    assert np.all(dropped.member_count[leaves] == 1)
-    assert np.array_equal(dropped.members, dropped.sample[leaves])
-    assert len(dropped.members) < 300
+    points = np.random.default_rng(1).normal(size=(300, 3))
+    kept, dropped = (rpt.build(points, radii=[1.0, 0.5], keep_covered=keep) for keep in (True, False))
+    assert np.array_equal(kept.nodes().sample, dropped.nodes().sample)
+    assert sorted(sample for leaf in kept.nodes().members for sample in leaf) == list(range(300))
+    assert all(leaf in ((), (sample,)) for sample, leaf in zip(*dropped.nodes()[::4], strict=True))
+    assert kept.samples == 300
+    assert dropped.samples == len(np.unique(dropped.nodes().sample)) - 1 < 300
+
+
+def test_no_samples_to_begin_with() -> None:
+    tree = rpt.build(np.zeros((0, 2)), radii=[1.0])
+    assert canonical(tree) == reference.build(np.zeros((0, 2)), [1.0]).canonical()
+    assert (tree.samples, len(tree.points)) == (0, 0)
+    with pytest.raises(ValueError, match="the 0 samples in the tree"):
+        tree.exact([0.0, 0.0], 1)
+
+
+@pytest.mark.timeout(60)
+def test_very_many_identical_points() -> None:
+    # More would be one leaf and must neither recurse nor be compared pair by pair.
+    n = 1200 if JIT_OFF else 100_000
+    points = np.ones((n, 2))
+    for radii in (None, [1.0, 0.0]):
+        tree = rpt.build(points, radii=radii)
+        assert len(tree.nodes().sample) == 2
+        assert tree.exact([1.0, 3.0], 5).ids.tolist() == tree.beam([1.0, 3.0], 5).ids.tolist() == [0, 1, 2, 3, 4]
+        assert tree.exact([1.0, 3.0], 5).distances.tolist() == [2.0] * 5
+        assert tree.exact([1.0, 1.0], 1200).ids.tolist() == list(range(1200))
 
 
 def test_the_tree_keeps_a_copy_of_its_inputs() -> None:
-    points = np.zeros((2, 1))
-    tree = rpt.build(points)
-    points[0] = 9
+    points, radii = np.zeros((2, 1)), np.array([1.0])
+    tree = rpt.build(points, radii=radii)
+    points[0] = radii[0] = 9
     assert tree.points[0, 0] == 0
+    assert tree.radii[0] == 1
 
 
-def test_statistics_count() -> None:
-    tree = rpt.build([[0.0], [10.0], [1.0], [10.5]], radii=[5.0, 0.8])
-    # Level 1: 0 and 10; level 2: 0 splits into 0 and 1; 10.5 is covered by 10.
-    assert rpt.statistics(tree) == rpt.Statistics(levels=2, nodes=4, leaves=3, samples=4, widest=2)
+def test_a_row_of_numbers_is_samples_of_one_component() -> None:
+    assert rpt.build([1.0, 2.0, 3.0]).points.shape == (3, 1)
 
 
-# --- radii ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("dimension", [1, 2, 3, 6])
-def test_derived_radii_bound_the_fan_out(dimension: int) -> None:
-    points = np.random.default_rng(2).uniform(size=(2000, dimension))
-    tree = rpt.build(points)
-    inner = tree.child_count[tree.child_count > 0]
-    assert inner.mean() < 8
-    assert inner.max() < 50
-    assert tree.member_count.max() < 50
-
-
-def test_derived_radii_fit_a_manifold_not_its_room() -> None:
-    rng = np.random.default_rng(2)
-    flat = rng.uniform(size=(2000, 2)) @ rng.normal(size=(2, 10))
-    inner = rpt.build(flat).child_count
-    assert inner.max() < 50
-
-
-def test_derived_radii_scale_with_the_data() -> None:
-    points = np.random.default_rng(2).normal(size=(100, 3))
-    assert rpt.derive_radii(points * 8) == pytest.approx(rpt.derive_radii(points) * 8)
-
-
-def test_derived_radii_of_coincident_samples() -> None:
-    assert rpt.derive_radii(np.ones((5, 2))).tolist() == [0.0]
-    assert rpt.derive_radii([[1.0]]).tolist() == [0.0]
-
-
-# --- errors ---------------------------------------------------------------------------------------------------------
+# --- bad input --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -241,27 +111,54 @@ def test_derived_radii_of_coincident_samples() -> None:
     [
         (np.zeros((0, 3)), None, "non-empty"),
         (np.zeros((3, 0)), None, "non-empty"),
+        (np.zeros((0, 0)), [1.0], "non-empty"),
         (np.zeros((2, 2, 2)), None, "non-empty"),
-        ([[0.0, math.nan]], None, "finite"),
+        (3.0, None, "non-empty"),
+        ([[0.0, math.nan]], None, r"finite.*number \[0, 1\] is nan"),
         ([[0.0, math.inf]], None, "finite"),
+        ([[None]], None, "finite"),
         ([[1e200]], None, "magnitude"),
+        ([[10**400]], None, "double precision"),
+        ([["a"]], None, "could not convert"),
+        ([[0.0], [1.0, 2.0]], None, "inhomogeneous"),
+        ([[1j]], None, "real numbers"),
+        (np.array([[1j]]), None, "real numbers"),
+        (np.array([["2020-01-01"]], dtype="datetime64[D]"), None, "real numbers"),
         ([[0.0]], [], "radii"),
+        ([[0.0]], 1.0, "radii"),
+        ([[0.0]], [[1.0]], "radii"),
         ([[0.0]], [1.0, 1.0], "radii"),
         ([[0.0]], [1.0, -1.0], "radii"),
         ([[0.0]], [1.0, 2.0], "radii"),
         ([[0.0]], [math.nan], "radii"),
+        ([[0.0]], [2.0, math.nan, 1.0], "radii"),
+        ([[0.0]], [math.inf, math.inf], "radii"),
+        ([[0.0]], [2j, 1j], "real numbers"),
     ],
 )
-def test_bad_input_is_an_error(inputs: object, radii: object, message: str) -> None:
+def test_bad_input_is_an_error(inputs: Any, radii: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        rpt.build(inputs, radii=radii)  # type: ignore[arg-type]
+        rpt.build(inputs, radii=radii)
 
 
-def test_fan_out_below_two_is_an_error() -> None:
-    with pytest.raises(ValueError, match="fan_out"):
-        rpt.derive_radii([[0.0], [1.0]], fan_out=1)
+anything = st.one_of(
+    arrays.arrays(
+        st.sampled_from(["f8", "f4", "f2", "i8", "u1", "?", "c16", "O", "U3"]),
+        arrays.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=3),
+    ),
+    st.recursive(
+        st.one_of(st.none(), st.floats(), st.integers(), st.text(max_size=2)), lambda s: st.lists(s, max_size=3)
+    ),
+)
 
 
-def test_a_row_of_numbers_is_samples_of_one_component() -> None:
-    build: Callable[[object], rpt.Tree] = rpt.build  # type: ignore[assignment]
-    assert build([1.0, 2.0, 3.0]).points.shape == (3, 1)
+@given(inputs=anything)
+@examples(300)
+def test_any_input_is_taken_rightly_or_refused(inputs: Any) -> None:
+    try:
+        tree = rpt.build(inputs)
+    except (ValueError, TypeError):
+        return
+    points = np.array(inputs, dtype=np.float64).reshape(len(inputs), -1)
+    assert np.array_equal(tree.points, points)
+    assert answer(tree.exact(points[0], len(points))) == brute_force(points, points[0], len(points))

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from handeye.modules.declaration import ApproximatorSettings, Component, ModuleDeclaration, Output
-from handeye.modules.module import Module, NotTaught, Support, warm_up
+from handeye.modules.module import Module, Support, warm_up
+from handeye.rpt import NotTaught
 
 Floats = NDArray[np.float64]
 

@@ -9,16 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handeye.rpt import kernels
-from handeye.rpt.tree import Tree, query_exact
+from handeye.rpt.kernels import fit
+from handeye.rpt.settings import SMALLEST_RIDGE
+from handeye.rpt.tree import Tree
 
 Floats = NDArray[np.float64]
 
 EPSILON = 1e-12
 """Keeps KNDB's exponent finite at a sample, in units of the distance."""
-
-SMALLEST_RIDGE = 1e-12
-"""With less, degenerate neighbourhoods could not be solved in double precision."""
 
 
 def nearest(outputs: ArrayLike) -> Floats:
@@ -151,17 +149,45 @@ def estimate_gradients(tree: Tree, outputs: ArrayLike, *, neighbours: int, smoot
     """
     values = _matrix(outputs, "outputs")
     n, d = tree.points.shape
-    if len(values) != n or len(tree.members) != n:
+    if len(values) != n or tree.samples != n:
         raise ValueError(
             f"gradients need an output for each sample and a tree that keeps every sample; got {len(values)} outputs, "
-            f"{n} samples and {len(tree.members)} kept"
+            f"{n} samples and {tree.samples} kept"
         )
-    ids, distances = query_exact(tree, tree.points, min(neighbours, n))
+    ids, distances = tree.exact(tree.points, min(neighbours, n))
     gradients = np.zeros((n, values.shape[1], d))
     for i in range(n):
         weights = local_weights(distances[i], smoothing=smoothing)
         gradients[i] = _local_fit(tree.points[i], tree.points[ids[i]], values[ids[i]], weights, 1, ridge, ridge)[1]
     return gradients
+
+
+def leaf_map(
+    sample: ArrayLike, output: ArrayLike, derived_inputs: ArrayLike, derived_outputs: ArrayLike, *, ridge: float = 1e-9
+) -> Floats:
+    """The linear map of a leaf from derived points around its sample, (p, d); U_D - U_P = T (V_D - V_P) (4.1.2).
+
+    Args:
+        sample: (d,) V_P.
+        output: (p,) U_P.
+        derived_inputs: (K, d) V_D; the thesis takes K = 2 d of them, at about the radius of the leaf's level.
+        derived_outputs: (K, p) U_D.
+        ridge: at least 1e-12, as a share of the offsets' mean square: directions without a derived point get no slope.
+
+    Raises:
+        ValueError: the shapes do not fit or the ridge is too small.
+    """
+    at, said = np.ascontiguousarray(sample, dtype=np.float64), np.ascontiguousarray(output, dtype=np.float64)
+    inputs, outputs = _matrix(derived_inputs, "derived_inputs"), _matrix(derived_outputs, "derived_outputs")
+    if at.shape != inputs.shape[1:] or said.shape != outputs.shape[1:] or len(inputs) != len(outputs):
+        raise ValueError(
+            f"shapes do not fit: sample {at.shape}, output {said.shape}, derived inputs {inputs.shape}, derived "
+            f"outputs {outputs.shape}"
+        )
+    _check_ridge(ridge)
+    slope = np.zeros((len(said), len(at)))
+    fit.leaf_map(at, said, inputs, outputs, ridge, slope)
+    return slope
 
 
 def _local_fit(
@@ -183,12 +209,16 @@ def _local_fit(
         )
     if not (np.all(shares >= 0) and 0 < shares.sum() < np.inf):
         raise ValueError("weights must not be negative and not all zero")
-    for held in (ridge, curvature_ridge):
-        if not SMALLEST_RIDGE <= held < np.inf:
-            raise ValueError(f"a ridge must be finite and at least {SMALLEST_RIDGE:g}, not {held}")
+    _check_ridge(ridge, curvature_ridge)
     value, slope = np.zeros(values.shape[1]), np.zeros((values.shape[1], near.shape[1]))
-    kernels.local_fit(centre, near, values, shares, degree, ridge, curvature_ridge, value, slope)
+    fit.local_fit(centre, near, values, shares, degree, ridge, curvature_ridge, value, slope)
     return value, slope
+
+
+def _check_ridge(*ridges: float) -> None:
+    for ridge in ridges:
+        if not SMALLEST_RIDGE <= ridge < np.inf:
+            raise ValueError(f"a ridge must be finite and at least {SMALLEST_RIDGE:g}, not {ridge}")
 
 
 def _matrix(values: ArrayLike, name: str) -> Floats:

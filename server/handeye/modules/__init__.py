@@ -5,8 +5,9 @@ is and make one; `ijs` declares the module from image to joints; `recognition` f
 """
 
 from handeye.modules.declaration import ApproximatorSettings, Component, ModuleDeclaration, Output
-from handeye.modules.module import Answer, Module, Neighbour, NotTaught, Support, warm_up
+from handeye.modules.module import Answer, Module, Neighbour, Support, warm_up
 from handeye.modules.spaces import ImagePair, ImagePoint, ImageVector, JointAngles, JointDifference
+from handeye.rpt import NotTaught
 
 __all__ = [
     "Answer",

@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from handeye.rpt import Settings
+
 Name = Annotated[str, Field(min_length=1)]
 
 
@@ -57,6 +59,20 @@ class ApproximatorSettings(Declared):
     """`beam` is the thesis's search; it may miss the nearest samples (Fig 3.36)."""
     keep_covered: bool = True
     """Whether samples that became no node of the tree stay in their leaf."""
+
+    def for_model(self) -> Settings:
+        """The same in the learner's terms. A beam over all samples is the exact search."""
+        return Settings(
+            method=self.method,
+            neighbours=self.neighbours,
+            alpha=self.alpha,
+            smoothing=self.smoothing,
+            ridge=self.ridge,
+            curvature_ridge=self.curvature_ridge,
+            gradient_neighbours=self.neighbours,
+            beam_width=self.neighbours if self.search == "beam" else None,
+            keep_covered=self.keep_covered,
+        )
 
 
 class ModuleDeclaration(Declared):

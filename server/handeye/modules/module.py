@@ -9,19 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handeye import rpt
 from handeye.modules.declaration import ApproximatorSettings, Component, ModuleDeclaration, Output
-from handeye.rpt import approximate
+from handeye.rpt import Calibration, Model, NotTaught
 
 Floats = NDArray[np.float64]
-
-
-class NotTaught(ValueError):
-    """Nothing was taught that could answer: the module has no samples, or none of the query's category."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +48,12 @@ class Answer:
 class Support:
     """How far from the taught samples a query may lie, learned by leaving out whole demonstrations.
 
-    For each sample of a category its distance to the nearest sample of the *other* demonstrations is taken: how far one
-    had to reach for a place that was not taught. A query's support is 1 up to the median of those distances, falls
-    linearly to 1/2 at the largest, and beyond it is half the largest divided by the query's distance: 1/4 at twice,
-    1/6 at three times the largest. With a single demonstration the distances are those among its own samples.
+    A task needs to tell just outside the taught region from far outside, which the learner's own p-value cannot
+    (docs/decisions/009). For each sample of a category its distance to the nearest sample of the *other*
+    demonstrations is taken: how far one had to reach for a place that was not taught. A query's support is 1 up to the
+    median of those distances, falls linearly to 1/2 at the largest, and beyond it is half the largest divided by the
+    query's distance: 1/4 at twice, 1/6 at three times the largest. With a single demonstration the distances are those
+    among its own samples.
     """
 
     median: float
@@ -80,18 +79,6 @@ class CategoryStatistics:
     support: Support
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Region:
-    """The samples of one combination of categories; row i of each array is sample_ids[i]."""
-
-    tree: rpt.Tree
-    outputs: Floats
-    gradients: Floats | None
-    sample_ids: NDArray[np.int64]
-    demonstrations: tuple[str, ...]
-    support: Support
-
-
 class Module:
     """A declared map from inputs to outputs, learned from examples.
 
@@ -100,9 +87,7 @@ class Module:
 
     def __init__(self, declaration: ModuleDeclaration) -> None:
         self.declaration = declaration
-        self._categorical = np.array([component.categorical for component in declaration.inputs])
-        self._scales = np.array([c.scale for c in declaration.inputs if not c.categorical])
-        self._regions: dict[tuple[float, ...], _Region] = {}
+        self._learned = _Learned(self._new_model(), ())
 
     def train(
         self, inputs: ArrayLike, outputs: ArrayLike, demonstrations: Sequence[str]
@@ -124,27 +109,18 @@ class Module:
                 f"module '{self.declaration.name}' got {len(rows)} inputs, {len(values)} outputs and "
                 f"{len(demonstrations)} demonstrations; each sample needs one of each"
             )
-        categories = [tuple(row) for row in rows[:, self._categorical].tolist()]
-        regions = {}
-        for category in sorted(set(categories)):
-            ids = np.array([i for i, other in enumerate(categories) if other == category])
-            names = tuple(demonstrations[i] for i in ids)
-            points = rows[ids][:, ~self._categorical] / self._scales
-            regions[category] = _learn(points, values[ids], ids, names, self.declaration.approximator)
-        self._regions = regions
+        names = tuple(sorted(set(demonstrations)))
+        model = self._new_model()
+        model.learn(rows, values, [names.index(name) for name in demonstrations])
+        self._learned = _Learned(model, names)
         return self.statistics()
 
     def statistics(self) -> tuple[CategoryStatistics, ...]:
         """What was learned, by category; empty before training."""
+        model = self._learned.model
         return tuple(
-            CategoryStatistics(
-                category=category,
-                samples=len(region.sample_ids),
-                demonstrations=len(set(region.demonstrations)),
-                tree=rpt.statistics(region.tree),
-                support=region.support,
-            )
-            for category, region in self._regions.items()
+            CategoryStatistics(category, each.samples, each.groups, each.tree, _support(model.calibration(category)))
+            for category, each in model.statistics().items()
         )
 
     def answer(self, query: ArrayLike) -> Answer:
@@ -160,31 +136,37 @@ class Module:
         row = self._matrix(np.atleast_2d(np.asarray(query, dtype=np.float64)), len(self.declaration.inputs), "a query")
         if len(row) != 1:
             raise ValueError(f"a query is one vector, not {len(row)}")
-        region = self._region(tuple(row[0, self._categorical].tolist()))
-        settings = self.declaration.approximator
-        point = row[0, ~self._categorical] / self._scales
-        kept = len(region.tree.members)
-        k = 1 if settings.method == "nearest" else min(settings.neighbours or kept, kept)
-        search = rpt.query_exact if settings.search == "exact" else rpt.query_beam
-        ids, distances = search(region.tree, point, k)
-        output, weights = _approximate(point, region, ids, distances, settings)
+        model, names = self._learned
+        try:
+            said = model.answer(row[0])
+        except NotTaught as nothing:
+            raise NotTaught(self._nothing_for(row[0], model)) from nothing
+        found = zip(said.ids, said.groups, said.distances, said.weights, strict=True)
         neighbours = tuple(
-            Neighbour(int(region.sample_ids[i]), region.demonstrations[i], float(distance), float(weight))
-            for i, distance, weight in zip(ids, distances, weights, strict=True)
+            Neighbour(int(number), names[group], float(distance), float(weight))
+            for number, group, distance, weight in found
+            if number >= 0
         )
-        return Answer(output, neighbours, region.support.of(float(distances[0])))
+        category = tuple(row[0, list(model.categorical)].tolist())
+        support = _support(model.calibration(category)).of(neighbours[0].distance)
+        return Answer(said.output, neighbours, support)
 
-    def _region(self, category: tuple[float, ...]) -> _Region:
-        regions = self._regions
-        if not regions:
-            raise NotTaught(f"module '{self.declaration.name}' has not been taught anything yet")
-        if category not in regions:
-            names = ", ".join(c.name for c in self.declaration.inputs if c.categorical)
-            taught = ", ".join(str(known) for known in regions)
-            raise NotTaught(
-                f"module '{self.declaration.name}' was taught nothing for ({names}) = {category}; taught: {taught}"
-            )
-        return regions[category]
+    def _new_model(self) -> Model:
+        inputs, settings = self.declaration.inputs, self.declaration.approximator
+        categorical = [i for i, component in enumerate(inputs) if component.categorical]
+        scales = [component.scale for component in inputs]
+        return Model(
+            len(inputs), len(self.declaration.outputs), settings.for_model(), scales=scales, categorical=categorical
+        )
+
+    def _nothing_for(self, query: Floats, model: Model) -> str:
+        taught = model.statistics()
+        if not taught:
+            return f"module '{self.declaration.name}' has not been taught anything yet"
+        names = ", ".join(c.name for c in self.declaration.inputs if c.categorical)
+        category = tuple(query[list(model.categorical)].tolist())
+        known = ", ".join(str(each) for each in taught)
+        return f"module '{self.declaration.name}' was taught nothing for ({names}) = {category}; taught: {known}"
 
     def _matrix(self, values: ArrayLike, components: int, what: str) -> Floats:
         matrix = np.array(values, dtype=np.float64)
@@ -194,6 +176,18 @@ class Module:
         if not np.all(np.isfinite(matrix)):
             raise ValueError(f"module '{name}': {what} must be finite numbers")
         return matrix
+
+
+class _Learned(NamedTuple):
+    """Replaced as a whole by training."""
+
+    model: Model
+    demonstrations: tuple[str, ...]
+    """The names of the model's groups."""
+
+
+def _support(calibration: Calibration) -> Support:
+    return Support(median=float(np.median(calibration.scores)), largest=float(calibration.scores[-1]))
 
 
 def warm_up() -> None:
@@ -215,59 +209,3 @@ def warm_up() -> None:
         module = Module(declaration)
         module.train(inputs, inputs[:, :1], ["one"] * 6 + ["two"] * 6)
         module.answer(inputs[0])
-
-
-def _learn(
-    points: Floats, outputs: Floats, ids: NDArray[np.int64], names: tuple[str, ...], settings: ApproximatorSettings
-) -> _Region:
-    tree = rpt.build(points, keep_covered=settings.keep_covered)
-    gradients = None
-    if settings.method == "kndb2":
-        # Gradients use every sample, also those that the tree drops.
-        whole = tree if settings.keep_covered else rpt.build(points)
-        gradients = approximate.estimate_gradients(
-            whole,
-            outputs,
-            neighbours=settings.neighbours or len(points),
-            smoothing=settings.smoothing,
-            ridge=settings.ridge,
-        )
-    return _Region(tree, outputs, gradients, ids, names, _calibrate(points, names))
-
-
-def _calibrate(points: Floats, names: tuple[str, ...]) -> Support:
-    """`Support` from the distances of each demonstration's samples to the nearest sample of the others."""
-    labels = np.array(names)
-    distinct = sorted(set(names))
-    reached = [np.zeros(1)]
-    if len(distinct) > 1:
-        reached = [
-            rpt.query_exact(rpt.build(points[labels != name]), points[labels == name], 1).distances[:, 0]
-            for name in distinct
-        ]
-    elif len(points) > 1:
-        reached = [rpt.query_exact(rpt.build(points), points, 2).distances[:, 1]]
-    distances = np.concatenate(reached)
-    return Support(median=float(np.median(distances)), largest=float(distances.max()))
-
-
-def _approximate(
-    point: Floats, region: _Region, ids: NDArray[np.int64], distances: Floats, settings: ApproximatorSettings
-) -> tuple[Floats, Floats]:
-    """The output and the neighbours' shares in it."""
-    inputs, outputs = region.tree.points[ids], region.outputs[ids]
-    if settings.method == "nearest":
-        return approximate.nearest(outputs), np.ones(1)
-    if settings.method in ("kndb", "kndb2"):
-        weights = approximate.kndb_weights(distances, alpha=settings.alpha)
-        if region.gradients is None:
-            return approximate.kndb(outputs, distances, alpha=settings.alpha), weights
-        tangents = region.gradients[ids]
-        return approximate.kndb2(point, inputs, outputs, tangents, distances, alpha=settings.alpha), weights
-    weights = approximate.local_weights(distances, smoothing=settings.smoothing)
-    if settings.method == "local_linear":
-        return approximate.local_linear(point, inputs, outputs, weights, ridge=settings.ridge), weights
-    output = approximate.local_quadratic(
-        point, inputs, outputs, weights, ridge=settings.ridge, curvature_ridge=settings.curvature_ridge
-    )
-    return output, weights

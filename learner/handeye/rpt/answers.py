@@ -1,0 +1,158 @@
+"""What a model says to queries, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye.rpt.calibration import Calibration
+from handeye.rpt.kernels import answer as kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Source(NamedTuple):
+    """What an answer's numbers refer to: one region as it was when it answered."""
+
+    outputs: int
+    neighbours: int
+    components: Integers
+    """(d,) which of the model's N input components take part in distances; the others are categories."""
+    all_components: int
+    """N."""
+    numbers: Integers | None
+    """The samples' numbers in the model by their numbers in the region; None where they are the same."""
+    groups: Integers
+    """(n,) theirs, by their numbers in the region."""
+    calibration: Calibration
+
+
+class Answer:
+    """An answer to one query, or to several at once.
+
+    Shapes are given for one query; for q queries each has a leading axis (q,). k neighbours were asked for; where
+    there were fewer, the rest has ids of -1, infinite distances and no weight. Everything refers to the samples known
+    when the query came.
+    """
+
+    __slots__ = ("_rows", "_source")
+
+    def __init__(self, rows: Floats, source: Source) -> None:
+        """Use `Model.answer`. Rows, one or (q, ...), are those of `kernels.answer`."""
+        self._rows = rows
+        self._source = source
+
+    @property
+    def output(self) -> Floats:
+        """(M,) in the outputs' units."""
+        return self._gather(lambda rows, source: rows[:, : source.outputs])
+
+    @property
+    def gradient(self) -> Floats:
+        """(M, N) derivatives of the output by the input, in their units; 0 for categories.
+
+        Those of the local polynomial; for methods by weights the weighted mean of the neighbours' gradients, where
+        the method knows them (KNDB2, leaf maps), else 0.
+        """
+
+        def gradient(rows: Floats, source: Source) -> Floats:
+            p, d = source.outputs, len(source.components)
+            found = np.zeros((len(rows), p, source.all_components))
+            found[:, :, source.components] = rows[:, p : p + p * d].reshape(-1, p, d)
+            return found
+
+        return self._gather(gradient)
+
+    @property
+    def support(self) -> Floats:
+        """() how well inside the taught region the query lies, in (0, 1]: a conformal p-value (`Calibration`)."""
+        return self._extra(kernel.SUPPORT)
+
+    @property
+    def determined(self) -> NDArray[np.bool_]:
+        """() whether the neighbours determine the slopes that the answer uses; where not, a ridge kept them small."""
+        return self._extra(kernel.DETERMINED) > 0
+
+    @property
+    def ids(self) -> Integers:
+        """(k,) numbers of the samples that the answer was made from, nearest first."""
+
+        def numbers(rows: Floats, source: Source) -> Integers:
+            local = _neighbours(rows, source, 0).astype(np.int64)
+            return local if source.numbers is None else np.where(local < 0, -1, source.numbers[local])
+
+        return self._gather(numbers)
+
+    @property
+    def groups(self) -> Integers:
+        """(k,) the groups (demonstrations) that those samples belong to; -1 - number for a sample without one."""
+
+        def groups(rows: Floats, source: Source) -> Integers:
+            local = _neighbours(rows, source, 0).astype(np.int64)
+            return np.where(local < 0, -1, source.groups[local])
+
+        return self._gather(groups)
+
+    @property
+    def distances(self) -> Floats:
+        """(k,) theirs from the query, in units of the scales."""
+        return self._gather(lambda rows, source: _neighbours(rows, source, 1))
+
+    @property
+    def weights(self) -> Floats:
+        """(k,) their shares in the answer; they add up to 1."""
+        return self._gather(lambda rows, source: _neighbours(rows, source, 2))
+
+    @property
+    def expected_error(self) -> Floats:
+        """(M,) what the error of each output should not exceed in nine of ten cases (`Calibration`)."""
+
+        def expected(rows: Floats, source: Source) -> Floats:
+            return source.calibration.expected_errors(rows[:, -len(source.components) :])
+
+        return self._gather(expected)
+
+    def _extra(self, column: int) -> Floats:
+        def extra(rows: Floats, source: Source) -> Floats:
+            return rows[:, source.outputs * (1 + len(source.components)) + column]
+
+        return self._gather(extra)
+
+    def _gather(self, read: Callable[[Floats, Source], NDArray]) -> NDArray:  # type: ignore[type-arg]
+        """What `read` makes of rows (q, ...), in the shape of the queries."""
+        found = read(np.atleast_2d(self._rows), self._source)
+        return found if self._rows.ndim == 2 else found[0]
+
+
+class MixedAnswer(Answer):
+    """An answer to queries of several categories, which several regions gave."""
+
+    __slots__ = ("_parts", "_places")
+
+    def __init__(self, parts: Sequence[Answer], places: Sequence[Integers]) -> None:
+        """Parts to several queries each, and which of the queries those are."""
+        self._parts = parts
+        self._places = places
+
+    def _gather(self, read: Callable[[Floats, Source], NDArray]) -> NDArray:  # type: ignore[type-arg]
+        found = [part._gather(read) for part in self._parts]
+        # A region with fewer neighbours than another leaves the rest empty.
+        widest = np.max([part.shape[1:] for part in found], axis=0, initial=0)
+        queries = sum(map(len, self._places))
+        merged = np.full((queries, *widest), _EMPTY[found[0].dtype.kind], found[0].dtype)
+        for which, part in zip(self._places, found, strict=True):
+            inside: tuple[Any, ...] = (which, *map(slice, part.shape[1:]))
+            merged[inside] = part
+        return merged
+
+
+_EMPTY = {"i": -1, "f": np.inf, "b": False}
+
+
+def _neighbours(rows: Floats, source: Source, block: int) -> Floats:
+    first = source.outputs * (1 + len(source.components)) + kernel.EXTRAS + block * source.neighbours
+    return rows[:, first : first + source.neighbours]
