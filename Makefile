@@ -3,6 +3,8 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.set-up
+BENCH_STAMP := $(VENV)/.bench-set-up
+KERNELS := $(VENV)/.kernels
 
 .PHONY: setup demo up test lint format bench proto lock clean
 
@@ -22,9 +24,14 @@ up: $(STAMP)  ## starts router, bridges and server; Ctrl-C ends them
 	$(BIN)/handeye up
 
 # The kernels once with the JIT off (plain Python semantics), then everything.
-test: $(STAMP)
+test: $(STAMP) $(KERNELS)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/learner -q
 	$(BIN)/pytest
+
+# numba does not notice when something changes that a kernel calls, and would go on with old machine code.
+$(KERNELS): $(STAMP) $(wildcard learner/handeye/rpt/kernels/*.py)
+	@find learner experiments -name '*.nb[ic]' -delete
+	@touch $@
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -36,8 +43,17 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(STAMP)
+bench: $(BENCH_STAMP) $(KERNELS)  ## measures RPC and the learner beside what others pick; a quarter of an hour; benchmarks/README.md
 	$(BIN)/python benchmarks/rpc.py
+	$(BIN)/python -m benchmarks.learner.run --output benchmarks/results/learner
+
+$(BENCH_STAMP): $(STAMP) requirements-bench.txt
+	@$(BIN)/python -c 'import hnswlib' 2>/dev/null || { command -v g++ >/dev/null && \
+		test -f "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h"; } || { \
+		echo "hnswlib, which the learner is compared with, is compiled here: that needs g++ and Python's headers." >&2; \
+		echo "  Debian 12:     apt-get install g++ python3.11-dev" >&2; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-bench.txt
+	@touch $@
 
 proto: $(STAMP)  ## generates the messages' Python from the .proto files
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m grpc_tools.protoc -I proto --python_out=proto --mypy_out=proto proto/handeye/proto/v1/*.proto
@@ -46,6 +62,8 @@ proto: $(STAMP)  ## generates the messages' Python from the .proto files
 lock:
 	uv pip compile --quiet --upgrade --generate-hashes --no-header --no-emit-index-url --python-version 3.11 \
 		--extra test --group build pyproject.toml -o requirements.txt
+	uv pip compile --quiet --upgrade --generate-hashes --no-header --no-emit-index-url --python-version 3.11 \
+		--constraint requirements.txt --group bench -o requirements-bench.txt
 
 clean:
 	rm -rf $(VENV) report .mypy_cache .ruff_cache .pytest_cache .hypothesis
