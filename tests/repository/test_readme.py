@@ -16,7 +16,7 @@ def blocks(language: str) -> list[str]:
 
 
 def test_the_learner_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    example = next(block for block in blocks("python") if "rpt.build" in block)
+    example = next(block for block in blocks("python") if "rpt.Model" in block)
     exec(compile(example, "README.md", "exec"), {})
     assert capsys.readouterr().out
 
