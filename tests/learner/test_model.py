@@ -200,6 +200,16 @@ def test_forgetting_everything_and_learning_again() -> None:
     assert model.samples == 0
 
 
+def test_a_copy_knows_that_the_last_sample_is_gone() -> None:
+    model, _, _ = taught(n=10)
+    model.forget([8, 9])
+    copy = Model.from_state(*model.to_state())
+    with pytest.raises(ValueError, match="can be forgotten once and must be among 0 to 9"):
+        copy.forget(9)
+    copy.forget(7)
+    assert copy.samples == 7
+
+
 def test_given_derivatives_are_used_and_kept() -> None:
     rng = np.random.default_rng(2)
     inputs = rng.uniform(0.5, 1, (30, 2))

@@ -80,8 +80,9 @@ def as_groups(groups: ArrayLike, n: int) -> Integers:
 
 def check_finite(values: Floats, name: str) -> None:
     """Raises a ValueError that names the first value which is not finite or too large to be squared."""
-    fine = np.abs(values) <= LARGEST
-    if not np.all(fine):
+    # Extremes first: that takes no memory, and not a number is neither small nor large.
+    if values.size and not (values.min() >= -LARGEST and values.max() <= LARGEST):
+        fine = np.abs(values) <= LARGEST
         place = np.unravel_index(int(np.argmin(fine)), fine.shape)
         where = ", ".join(str(int(i)) for i in place)
         raise ValueError(

@@ -315,6 +315,7 @@ class Model:
             raise ValueError(f"sample numbers must ascend from 0 to {size - 1} at most")
         model._take(categories, Samples(points, outputs, groups, numbers, maps))
         model._places = with_room(model._places, model._size, size - model._size)
+        model._places[model._size : size] = -1
         model._size = size
         return model
 
@@ -333,7 +334,7 @@ class Model:
         self._places[self._size : size, 0] = -1
         regions = dict(self._regions)
         for category, chosen in _by_category(categories):
-            part = Samples(*(None if values is None else values[chosen] for values in samples))  # type: ignore[arg-type]
+            part = samples if len(chosen) == len(samples.points) else samples.chosen(chosen)
             region = regions.get(category)
             if region is not None and region.tree.samples:
                 local = region.learn(part)

@@ -12,7 +12,7 @@ from handeye.rpt.answers import Answer, Source
 from handeye.rpt.calibration import Calibration, calibrate
 from handeye.rpt.kernels import answer as kernel
 from handeye.rpt.kernels.answer import answer_many
-from handeye.rpt.kernels.calibrate import estimate_gradients, estimated_from, publish_rows
+from handeye.rpt.kernels.calibrate import estimate_gradients, estimated_from, joined_by, publish_rows
 from handeye.rpt.kernels.table import Table
 from handeye.rpt.settings import METHODS, Settings
 from handeye.rpt.tree import Tree, build
@@ -20,11 +20,14 @@ from handeye.rpt.tree import Tree, build
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-STALE = 1 / 8
+STALE = 1 / 4
 """Support and expected errors are calibrated anew once the samples have grown by this share."""
 
 TANGENTS = ("kndb2", "leaf_map")
 """The methods that know a gradient at each sample."""
+
+
+NOTHING: Integers = np.zeros(0, np.int64)
 
 
 class Samples(NamedTuple):
@@ -40,6 +43,11 @@ class Samples(NamedTuple):
     """(n,) theirs in the model."""
     maps: Floats | None
     """(n, p, d) gradients that were given, by scaled inputs; NaN where they are to be estimated, None when all are."""
+
+    def chosen(self, rows: Integers) -> Samples:
+        """Some of them."""
+        maps = None if self.maps is None else self.maps[rows]
+        return Samples(self.points[rows], self.outputs[rows], self.groups[rows], self.numbers[rows], maps)
 
 
 class State(NamedTuple):
@@ -83,7 +91,7 @@ class Region:
         self._calibration = Calibration.unknown(self._outputs)
         self._remember(0, samples)
         self._refresh()
-        self._estimate(np.flatnonzero(self.tree.alive), in_place=True)
+        self._estimate(NOTHING, np.flatnonzero(self.tree.alive))
         self._calibrate()
 
     def living(self) -> Samples:
@@ -116,8 +124,10 @@ class Region:
             # Whoever answers goes by the last state and knows no sample of a larger number until the next one is there.
             numbers = self.tree.insert(samples.points)
             if self._tangents:
-                self._estimate(numbers, in_place=True)
-                self._estimate(self._joined_by(numbers))
+                # Twice as many as make a neighbourhood are looked at; `repair` would find the rest.
+                k = 2 * int(self._rule[kernel.GRADIENT_NEIGHBOURS])
+                known = (*self.tree.arenas, self.tree.storage, self._knowledge, self._rows)
+                self._estimate(joined_by(first, first + len(numbers), k, *known), numbers)
             self._refresh()
             if self.tree.samples > (1 + STALE) * self._calibrated:
                 self._calibrate()
@@ -126,7 +136,7 @@ class Region:
     def forget(self, numbers: Integers) -> None:
         """Takes samples out; the next query does not know them."""
         with self._learning:
-            touched = np.zeros(0, np.int64)
+            touched = NOTHING
             if self._tangents:
                 rows = self._rows[: len(self.tree.points)]
                 touched = np.flatnonzero(estimated_from(numbers, self.tree.storage, self._knowledge, rows))
@@ -186,34 +196,24 @@ class Region:
         first, self._end = self._end, self._end + n
         return np.arange(first, self._end)
 
-    def _estimate(self, chosen: Integers, *, in_place: bool = False) -> None:
-        """Gradients at the chosen samples; in place where no reader knows the samples yet."""
+    def _estimate(self, known: Integers, new: Integers = NOTHING) -> None:
+        """Gradients at samples that readers know, into rows that they don't, and at new ones, where these stand."""
         if not self._tangents:
             return
-        targets = self._rows[chosen] if in_place else self._new_rows(len(chosen))
-        arenas = self.tree.arenas
-        arrays = (*arenas, self.tree.storage, self._knowledge, self._rows, self._rule)
+        targets = self._new_rows(len(known))
+        chosen, targets = np.concatenate([known, new]), np.concatenate([targets, self._rows[new]])
+        arrays = (*self.tree.arenas, self.tree.storage, self._knowledge, self._rows, self._rule)
         estimate_gradients(chosen, *arrays, targets)
         publish_rows(self._rows, chosen, targets)
-
-    def _joined_by(self, numbers: Integers) -> Integers:
-        """Samples to whose neighbourhoods new ones belong, looked for among twice as many as make a neighbourhood.
-
-        `repair` would find the rest.
-        """
-        k = min(2 * int(self._rule[kernel.GRADIENT_NEIGHBOURS]), self.tree.samples)
-        ids, distances = self.tree.exact(self.tree.points[numbers], k)
-        joined = (ids < numbers[0]) & (distances < self._knowledge[self._rows[ids], -1])
-        return np.unique(ids[joined])
 
     def _calibrate(self) -> None:
         self._calibration = calibrate(self.tree, self._knowledge, self._rows, self.groups, self._rule)
         self._calibrated = self.tree.samples
         self._refresh()
 
-    def _refresh(self, limit: int | None = None) -> None:
-        """Makes what queries go by fit what is there now; samples from number `limit` on stay unknown."""
-        known = len(self.tree.points) if limit is None else limit
+    def _refresh(self) -> None:
+        """Makes what queries go by fit what is there now."""
+        known = len(self.tree.points)
         self._rule = rule_for(self.settings, self._outputs, self.tree.samples, known, self._factors)
         neighbours = int(self._rule[kernel.NEIGHBOURS])
         arenas = self.tree.arenas
@@ -235,7 +235,7 @@ def rule_for(settings: Settings, outputs: int, samples: int, limit: int, factors
     gradient = settings.gradient_neighbours or (3 * (d + 1) if settings.method == "kndb2" else 2 * d + 1)
     numbers = [METHODS.index(settings.method), neighbours, outputs, settings.alpha, settings.smoothing]
     numbers += [settings.ridge, settings.curvature_ridge, settings.beam_width or 0, gradient, limit]
-    return np.concatenate([numbers, factors])
+    return np.array(numbers + factors.tolist())
 
 
 def with_room(array: NDArray, size: int, more: int) -> NDArray:  # type: ignore[type-arg]

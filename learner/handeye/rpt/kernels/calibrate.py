@@ -77,6 +77,28 @@ def estimate_gradients(chosen, integers, floats, points, knowledge, rows, rule, 
 
 
 @njit(cache=True, nogil=True)
+def joined_by(first, last, k, integers, floats, points, knowledge, rows):
+    """Which samples before `first` have neighbourhoods that samples first to last - 1 now belong to, ascending.
+
+    They are looked for among the k nearest of each new sample.
+    """
+    found = np.empty((last - first) * k, np.int64)
+    ids = np.empty(k, np.int64)
+    squares = np.empty(k)
+    stack = np.empty((integers[WAITING], 3))
+    scratch = np.empty(LANES)
+    reach = knowledge.shape[1] - 1
+    size = 0
+    for new in range(first, last):
+        count = exact(points[new], integers, floats, integers[SAMPLES], ids, squares, stack, scratch)
+        for j in range(count):
+            if ids[j] < first and math.sqrt(squares[j]) < knowledge[rows[ids[j]], reach]:
+                found[size] = ids[j]
+                size += 1
+    return np.unique(found[:size])
+
+
+@njit(cache=True, nogil=True)
 def estimated_from(removed, points, knowledge, rows):
     """Which of the first rows.shape[0] samples have gradients that any of the `removed` samples took part in."""
     d = points.shape[1]

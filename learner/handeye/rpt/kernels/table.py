@@ -88,8 +88,8 @@ class Table:
         self.arrays = arrays
         entries = []
         for array in arrays:
-            if not array.flags.c_contiguous or array.dtype not in (np.float64, np.int64):
+            if not array.flags.c_contiguous or array.dtype.char not in "dl":
                 raise ValueError(f"a table takes contiguous float64 and int64 arrays, not {array.dtype}")
             rows, columns = array.shape if array.ndim == 2 else (len(array), 1)
-            entries += [array.ctypes.data, rows, columns]
+            entries += [array.__array_interface__["data"][0], rows, columns]
         self.numbers = np.array(entries, np.int64)
