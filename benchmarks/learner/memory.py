@@ -6,6 +6,7 @@ python -m benchmarks.learner.memory SYSTEM POINTS.npy
 from __future__ import annotations
 
 import argparse
+import ctypes
 import gc
 import json
 import subprocess
@@ -54,7 +55,7 @@ def _weigh_here(system: str, path: Path) -> Weight:
     rival = SYSTEMS[system]()
     rival.build(np.array(stored[:SMALL]))
     del stored
-    gc.collect()
+    _give_back()
     # Resets the peak to what is resident now (man 5 proc_pid_clear_refs).
     Path("/proc/self/clear_refs").write_text("5")
     before = _resident("VmRSS")
@@ -62,8 +63,16 @@ def _weigh_here(system: str, path: Path) -> Weight:
     rival.build(points)
     peak = _resident("VmHWM")
     del points
-    gc.collect()
+    _give_back()
     return Weight(kept=_resident("VmRSS") - before, peak=peak - before)
+
+
+def _give_back() -> None:
+    """Lets go of all that nobody needs, also of what glibc keeps for the next one who asks for memory."""
+    gc.collect()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
 
 
 def _resident(field: str) -> int:

@@ -132,6 +132,8 @@ def test_queries_of_several_categories_at_once() -> None:
     answer = model.answers([[7, 0.0], [0, 6.0], [7, 9.0]])
     assert answer.ids.tolist() == [[5, 6, -1], [4, 3, 2], [6, 5, -1]]
     assert answer.output[:, 0].tolist() == [7, 0, 7]
+    assert answer.weights.sum(axis=1) == pytest.approx([1, 1, 1])
+    assert answer.distances[0].tolist() == [5, 6, np.inf]
     assert answer.groups.tolist() == [[2, 2, -1], [2, 1, 1], [2, 2, -1]]
     assert answer.support.shape == (3,)
     assert answer.expected_error.shape == (3, 1)

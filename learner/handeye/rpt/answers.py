@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +49,7 @@ class Answer:
     @property
     def output(self) -> Floats:
         """(M,) in the outputs' units."""
-        return self._gather(lambda rows, source: rows[:, : source.outputs])
+        return self._rows[..., : self._source.outputs]
 
     @property
     def gradient(self) -> Floats:
@@ -58,14 +58,14 @@ class Answer:
         Those of the local polynomial; for methods by weights the weighted mean of the neighbours' gradients, where
         the method knows them (KNDB2, leaf maps), else 0.
         """
-
-        def gradient(rows: Floats, source: Source) -> Floats:
-            p, d = source.outputs, len(source.components)
-            found = np.zeros((len(rows), p, source.all_components))
-            found[:, :, source.components] = rows[:, p : p + p * d].reshape(-1, p, d)
-            return found
-
-        return self._gather(gradient)
+        source = self._source
+        p, d = source.outputs, len(source.components)
+        known = self._rows[..., p : p + p * d].reshape(*self._rows.shape[:-1], p, d)
+        if d == source.all_components:
+            return known
+        found = np.zeros((*known.shape[:-1], source.all_components))
+        found[..., source.components] = known
+        return found
 
     @property
     def support(self) -> Floats:
@@ -80,52 +80,44 @@ class Answer:
     @property
     def ids(self) -> Integers:
         """(k,) numbers of the samples that the answer was made from, nearest first."""
-
-        def numbers(rows: Floats, source: Source) -> Integers:
-            local = _neighbours(rows, source, 0).astype(np.int64)
-            return local if source.numbers is None else np.where(local < 0, -1, source.numbers[local])
-
-        return self._gather(numbers)
+        local = self._local_ids()
+        numbers = self._source.numbers
+        return local if numbers is None else np.where(local < 0, -1, numbers[local])
 
     @property
     def groups(self) -> Integers:
         """(k,) the groups (demonstrations) that those samples belong to; -1 - number for a sample without one."""
-
-        def groups(rows: Floats, source: Source) -> Integers:
-            local = _neighbours(rows, source, 0).astype(np.int64)
-            return np.where(local < 0, -1, source.groups[local])
-
-        return self._gather(groups)
+        local = self._local_ids()
+        return np.where(local < 0, -1, self._source.groups[local])
 
     @property
     def distances(self) -> Floats:
         """(k,) theirs from the query, in units of the scales."""
-        return self._gather(lambda rows, source: _neighbours(rows, source, 1))
+        return self._neighbours(1)
 
     @property
     def weights(self) -> Floats:
         """(k,) their shares in the answer; they add up to 1."""
-        return self._gather(lambda rows, source: _neighbours(rows, source, 2))
+        return self._neighbours(2)
 
     @property
     def expected_error(self) -> Floats:
         """(M,) what the error of each output should not exceed in nine of ten cases (`Calibration`)."""
-
-        def expected(rows: Floats, source: Source) -> Floats:
-            return source.calibration.expected_errors(rows[:, -len(source.components) :])
-
-        return self._gather(expected)
+        scaled = np.atleast_2d(self._rows[..., -len(self._source.components) :])
+        expected = self._source.calibration.expected_errors(scaled)
+        return expected if self._rows.ndim == 2 else expected[0]
 
     def _extra(self, column: int) -> Floats:
-        def extra(rows: Floats, source: Source) -> Floats:
-            return rows[:, source.outputs * (1 + len(source.components)) + column]
+        extra: Floats = self._rows[..., self._source.outputs * (1 + len(self._source.components)) + column]
+        return extra
 
-        return self._gather(extra)
+    def _neighbours(self, block: int) -> Floats:
+        source = self._source
+        first = source.outputs * (1 + len(source.components)) + kernel.EXTRAS + block * source.neighbours
+        return self._rows[..., first : first + source.neighbours]
 
-    def _gather(self, read: Callable[[Floats, Source], NDArray]) -> NDArray:  # type: ignore[type-arg]
-        """What `read` makes of rows (q, ...), in the shape of the queries."""
-        found = read(np.atleast_2d(self._rows), self._source)
-        return found if self._rows.ndim == 2 else found[0]
+    def _local_ids(self) -> Integers:
+        return self._neighbours(0).astype(np.int64)
 
 
 class MixedAnswer(Answer):
@@ -138,21 +130,23 @@ class MixedAnswer(Answer):
         self._parts = parts
         self._places = places
 
-    def _gather(self, read: Callable[[Floats, Source], NDArray]) -> NDArray:  # type: ignore[type-arg]
-        found = [part._gather(read) for part in self._parts]
+    def _merge(self, name: str) -> Any:
+        """A property of all parts, in the order of the queries."""
+        found = [getattr(part, name) for part in self._parts]
         # A region with fewer neighbours than another leaves the rest empty.
         widest = np.max([part.shape[1:] for part in found], axis=0, initial=0)
-        queries = sum(map(len, self._places))
-        merged = np.full((queries, *widest), _EMPTY[found[0].dtype.kind], found[0].dtype)
+        empty = 0.0 if name == "weights" else {"i": -1, "f": np.inf, "b": False}[found[0].dtype.kind]
+        merged = np.full((sum(map(len, self._places)), *widest), empty, found[0].dtype)
         for which, part in zip(self._places, found, strict=True):
             inside: tuple[Any, ...] = (which, *map(slice, part.shape[1:]))
             merged[inside] = part
         return merged
 
 
-_EMPTY = {"i": -1, "f": np.inf, "b": False}
+def _merged(name: str) -> property:
+    return property(lambda answer: answer._merge(name), doc=getattr(Answer, name).__doc__)
 
 
-def _neighbours(rows: Floats, source: Source, block: int) -> Floats:
-    first = source.outputs * (1 + len(source.components)) + kernel.EXTRAS + block * source.neighbours
-    return rows[:, first : first + source.neighbours]
+# Whatever an answer of one region tells, an answer of several tells for all of them.
+for _name in [each for each, value in vars(Answer).items() if isinstance(value, property)]:
+    setattr(MixedAnswer, _name, _merged(_name))
