@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from handeye.experiments.scenes import render
 from handeye.rpt import storage
 from handeye.rpt.features import cluster, find_features, left_out
 from handeye.rpt.images import reduce_images
@@ -35,34 +36,6 @@ def regimes(seed: int, n: int) -> tuple[Floats, Floats]:
     x, regime = rng.uniform(-1, 1, (n, 30)), rng.integers(0, 4, n)
     x[:, 0] = 4 * regime + 0.3 * x[:, 0]
     return x, (10 * np.sin(regime) + 3 * x[np.arange(n), 1 + regime])[:, np.newaxis]
-
-
-def render(seed: int, n: int, world: int = 0, shape: tuple[int, int] = (480, 640)) -> tuple[Images, Floats]:
-    """A bright textured object and a dark larger one at random places before the same clutter; where the bright one is.
-
-    Brightness changes from image to image, and pixels are noisy.
-    """
-    scene, rng = np.random.default_rng(world), np.random.default_rng(seed)
-    rows, columns = shape
-    unit = rows // 24
-    clutter = np.full(shape, 110.0)
-    for _ in range(40):
-        r, c = scene.integers(0, rows), scene.integers(0, columns)
-        h, w = scene.integers(unit, 6 * unit, 2)
-        clutter[r : r + h, c : c + w] = scene.uniform(50, 190)
-    thing = 210 + 30 * np.kron(scene.normal(size=(4, 3)), np.ones((unit, unit)))
-    other = 50 + 20 * np.kron(scene.normal(size=(6, 3)), np.ones((unit, unit)))
-    images, places = np.empty((n, *shape), np.uint8), np.empty((n, 2))
-    for i in range(n):
-        image = clutter.copy()
-        for patch in (other, thing):
-            h, w = patch.shape
-            r, c = rng.integers(0, rows - h + 1), rng.integers(0, columns - w + 1)
-            image[r : r + h, c : c + w] = patch
-            places[i] = r + (h - 1) / 2, c + (w - 1) / 2
-        image = image * rng.uniform(0.9, 1.1) + rng.normal(0, 4, shape)
-        images[i] = np.clip(image, 0, 255)
-    return images, places
 
 
 def k_nearest(inputs: Floats, outputs: Floats, queries: Floats) -> Floats:

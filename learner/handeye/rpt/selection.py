@@ -34,7 +34,7 @@ FEWEST = 48
 
 ANSWER = 5e5
 """Operations; local functions that cost more for each answer are not tried: no quadratic ones from 11 inputs on, no
-linear ones from 76 on, where KNDB alone is left."""
+linear ones from about 61 on, where KNDB alone is left."""
 
 COARSE = (2.0, 7.0)
 """Neighbours for each term of a local function: first ..."""

@@ -49,7 +49,8 @@ class Tree:
     """A Recursive Partition Tree; `build` makes one.
 
     Several threads may search while one inserts: a search answers for the samples that had been inserted when it began
-    (batches release Python's lock). Removal counts from the next query on. Searches never wait for anything.
+    (batches release Python's lock). Removal counts from the next query on. Searches never wait for anything. Beside a
+    writer this needs a processor that keeps stores and loads in order, as x86-64 does.
     """
 
     def __init__(self, points: Floats, radii: Floats | None, keep_covered: bool) -> None:
