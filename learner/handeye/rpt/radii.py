@@ -23,7 +23,7 @@ def derive_radii(inputs: ArrayLike, *, fan_out: int = FAN_OUT) -> Floats:
     """Radii T(1) > ... > T(L) under which a node has up to about `fan_out` children, whatever the dimension.
 
     T(1) is the smallest radius under which `fan_out` samples, chosen as the tree chooses its nodes (Fig 3.18), cover
-    samples spread over the order given: one in sixteen, but at least 512 if there are, and at most 4096. T(l + 1) is
+    samples spread over the order given: one in sixteen, but at least 256 if there are, and at most 4096. T(l + 1) is
     found in the same way from the samples within T(l) of four samples: it is the smallest radius that needs no more
     than `fan_out` nodes in any of the four places. L is the smallest number with fan_out^L >= n / 4096, at least 1;
     fewer where the next radius would be no tenth smaller, as among coincident samples.

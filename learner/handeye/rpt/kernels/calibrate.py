@@ -198,7 +198,8 @@ def nearby_means(points, labels, residuals, nearby):
             square = 0.0
             for t in range(d):
                 square += (points[i, t] - points[j, t]) ** 2
-            count = offer(ids, squares, count, square, j)
+            if count < nearby or square < squares[nearby - 1]:
+                count = offer(ids, squares, count, square, j)
         for j in range(count):
             means[i] += residuals[ids[j]] / count
     return means

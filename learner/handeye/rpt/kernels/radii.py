@@ -9,7 +9,7 @@ from handeye.rpt.kernels.lanes import LANES, point_squares
 from handeye.rpt.kernels.layout import put_vector, whole_chunks
 from handeye.rpt.kernels.rows import corners
 
-LOOKED_AT = 512  # samples in whose midst T(1) is found, or one in SHARE where that is more
+LOOKED_AT = 256  # samples in whose midst T(1) is found, or one in SHARE where that is more
 SHARE = 16
 SPREAD = 4096  # most of those, and samples from which the cells of lower levels are filled
 PLACES = 4  # cells looked at on each of those levels
