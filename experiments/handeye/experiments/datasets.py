@@ -117,6 +117,32 @@ def shared_folder() -> Path:
     return Path(os.environ.get("HANDEYE_SHARED") or Path(__file__).resolve().parents[4] / "shared")
 
 
+class Corners(NamedTuple):
+    """All chessboard corners that two real webcams saw."""
+
+    inputs: Floats
+    """(n, 3) left row, left column, disparity [px]"""
+    outputs: Floats
+    """(n, 3) (x, y, z) in the left camera's frame [m]"""
+    views: NDArray[np.int64]
+    """(n,) which picture of the board each comes from"""
+
+
+def corners() -> Corners:
+    """Reads the recorded set.
+
+    Raises:
+        FileNotFoundError: it is not there.
+    """
+    path = shared_folder() / "data" / "stereo-chessboard" / "corners.csv"
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} is missing; HANDEYE_SHARED names the folder that holds data/stereo-chessboard")
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    pixels = [table["left_row"], table["left_col"], table["left_col"] - table["right_col"]]
+    places = np.column_stack([table["x_m"], table["y_m"], table["z_m"]])
+    return Corners(np.column_stack(pixels), places, table["view"].astype(np.int64))
+
+
 def chessboard(seed: int, *, new_views: bool) -> Problem:
     """Left row, left column, disparity -> (x, y, z) of chessboard corners that two real webcams saw.
 
@@ -125,17 +151,12 @@ def chessboard(seed: int, *, new_views: bool) -> Problem:
     Raises:
         FileNotFoundError: the set is not there.
     """
-    path = shared_folder() / "data" / "stereo-chessboard" / "corners.csv"
-    if not path.is_file():
-        raise FileNotFoundError(f"{path} is missing; HANDEYE_SHARED names the folder that holds data/stereo-chessboard")
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    pixels = [table["left_row"], table["left_col"], table["left_col"] - table["right_col"]]
-    inputs, outputs = np.column_stack(pixels), np.column_stack([table["x_m"], table["y_m"], table["z_m"]])
+    inputs, outputs, views = corners()
     rng = np.random.default_rng(seed)
     if new_views:
-        trained = np.isin(table["view"], rng.permutation(np.unique(table["view"]))[:BOARD_VIEWS])
+        trained = np.isin(views, rng.permutation(np.unique(views))[:BOARD_VIEWS])
         return Problem(inputs[trained], outputs[trained], inputs[~trained], outputs[~trained])
-    order = rng.permutation(len(table))
+    order = rng.permutation(len(inputs))
     return _split(inputs[order], outputs[order], BOARD_SAMPLES, BOARD_TESTS)
 
 

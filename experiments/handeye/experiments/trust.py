@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye.experiments.datasets import Floats, shared_folder, simulated_stereo
+from handeye.experiments.datasets import BOARD_VIEWS, Floats, corners, simulated_stereo
 from handeye.rpt import Model, Settings
 
 Integers = NDArray[np.int64]
@@ -71,13 +71,8 @@ def grasp(seed: int) -> Lesson:
 
 def chessboard(seed: int) -> Lesson:
     """The real stereo pairs: 22 of 29 views of the board are taught, the others asked."""
-    path = shared_folder() / "data" / "stereo-chessboard" / "corners.csv"
-    if not path.is_file():
-        raise FileNotFoundError(f"{path} is missing; HANDEYE_SHARED names the folder that holds data/stereo-chessboard")
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    inputs = np.column_stack([table["left_row"], table["left_col"], table["left_col"] - table["right_col"]])
-    outputs = np.column_stack([table["x_m"], table["y_m"], table["z_m"]])
-    return _split(inputs, outputs, table["view"].astype(np.int64), 22, seed, inputs.std(axis=0), ())
+    inputs, outputs, views = corners()
+    return _split(inputs, outputs, views, BOARD_VIEWS, seed, inputs.std(axis=0), ())
 
 
 def stereo(seed: int) -> Lesson:
