@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Callable, Iterator, Sequence
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -271,4 +271,11 @@ def _rows(table: Table) -> list[str]:
 
 
 def _versions() -> dict[str, str]:
-    return {"Python": platform.python_version()} | {library: version(library) for library in LIBRARIES}
+    return {"Python": platform.python_version()} | {library: _version(library) for library in LIBRARIES}
+
+
+def _version(library: str) -> str:
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"

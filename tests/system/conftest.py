@@ -118,13 +118,14 @@ class Lesson:
                 raise
         return process.returncode, said
 
-    def catch_in_motion(self) -> None:
-        """Returns as soon as the arm moves."""
+    def catch_in_motion(self, then: Callable[[], None]) -> None:
+        """Calls `then` as soon as the arm moves."""
         with Bus.open(acting_settings(self.stack.acting), name="tests") as bus, bus.subscribe(ROBOT_STATE) as states:
             deadline = time.monotonic() + 30.0
             while time.monotonic() < deadline:
                 state = states.newest(1.0)
                 if state is not None and max(map(abs, state.velocities)) > 0.02:
+                    then()
                     return
         raise AssertionError("the arm did not move")
 

@@ -134,18 +134,23 @@ def test_a_coordinator_that_falls_silent_is_stopped(lesson: Lesson) -> None:
         robot = RemoteRobot(bus, "tests")
 
         def freeze() -> None:
-            lesson.catch_in_motion()
-            os.kill(server, signal.SIGSTOP)
-            try:
-                deadline = time.monotonic() + 5.0
-                while not robot.state().stopped:
-                    assert time.monotonic() < deadline, "the bridge did not stop the arm"
-                    time.sleep(0.02)
-                assert np.max(np.abs(robot.state().velocities)) < 1e-2
-            finally:
-                os.kill(server, signal.SIGCONT)
+            # The world of a frozen coordinator stands still: an arm that moved goes on showing it until it is stopped.
+            # A motion may have ended just before; then the coordinator is let go on to the next one.
+            for _ in range(20):
+                lesson.catch_in_motion(lambda: os.kill(server, signal.SIGSTOP))
+                try:
+                    deadline = time.monotonic() + 5.0
+                    while max(map(abs, robot.state().velocities)) > 1e-2:
+                        assert time.monotonic() < deadline, "the bridge did not stop the arm"
+                        time.sleep(0.02)
+                    if robot.state().stopped:
+                        return
+                finally:
+                    os.kill(server, signal.SIGCONT)
+            raise AssertionError("the coordinator was never caught in a motion")
 
-        expect_refusal(lesson, "failed in subtask 'approach'", meanwhile=freeze)
+        # In which subtask it is caught is a matter of the machine's speed.
+        expect_refusal(lesson, "failed in subtask", meanwhile=freeze)
         log = (lesson.stack.state_dir / "logs" / "robot-bridge.log").read_text()
         assert "the lease holder 'coordinator' has been silent" in log
 
@@ -168,7 +173,7 @@ def test_a_camera_bridge_killed_in_mid_task_ends_it(lesson: Lesson) -> None:
     lesson.place()
 
     def kill() -> None:
-        lesson.catch_in_motion()
-        os.kill(lesson.process("camera bridge"), signal.SIGKILL)
+        camera_bridge = lesson.process("camera bridge")
+        lesson.catch_in_motion(lambda: os.kill(camera_bridge, signal.SIGKILL))
 
     expect_refusal(lesson, "Camera", "nobody serves it", meanwhile=kill)
