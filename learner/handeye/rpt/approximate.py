@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handeye.rpt.kernels import fit
+from handeye.rpt.kernels.answer import EPSILON
 from handeye.rpt.settings import SMALLEST_RIDGE
 from handeye.rpt.tree import Tree
 
 Floats = NDArray[np.float64]
-
-EPSILON = 1e-12
-"""Keeps KNDB's exponent finite at a sample, in units of the distance."""
 
 
 def nearest(outputs: ArrayLike) -> Floats:

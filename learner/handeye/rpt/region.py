@@ -15,7 +15,7 @@ from handeye.rpt.kernels.answer import answer_many
 from handeye.rpt.kernels.calibrate import estimate_gradients, estimated_from, joined_by, publish_rows
 from handeye.rpt.kernels.table import Table
 from handeye.rpt.settings import METHODS, Settings
-from handeye.rpt.tree import Tree, build
+from handeye.rpt.tree import Scalar, Tree, build, larger
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -238,10 +238,8 @@ def rule_for(settings: Settings, outputs: int, samples: int, limit: int, factors
     return np.array(numbers + factors.tolist())
 
 
-def with_room(array: NDArray, size: int, more: int) -> NDArray:  # type: ignore[type-arg]
+def with_room(array: NDArray[Scalar], size: int, more: int) -> NDArray[Scalar]:
     """The array, or a larger copy of its first `size` rows, with room for `more` behind them."""
     if size + more <= len(array):
         return array
-    larger = np.empty((max(size + more, 2 * len(array)), *array.shape[1:]), array.dtype)
-    larger[:size] = array[:size]
-    return larger
+    return larger(array[:size], max(size + more, 2 * len(array)))

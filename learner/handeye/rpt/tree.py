@@ -279,7 +279,7 @@ class Tree:
         outcome, count = self._prepare(number)
         while outcome == insert.NO_ROOM:
             integers, floats = self._arenas
-            self._arenas = Arenas(_larger(integers, 2 * len(integers)), _larger(floats, 2 * len(floats)))
+            self._arenas = Arenas(larger(integers, 2 * len(integers)), larger(floats, 2 * len(floats)))
             outcome, count = self._prepare(number)
         self._size = number + 1
         insert.publish(self._arenas.integers, self._stores, count)
@@ -298,8 +298,8 @@ class Tree:
         needed = self._size + more
         if needed > len(self._points):
             size = max(needed, 2 * len(self._points), 64)
-            self._points = _larger(self._points, size)
-            self._alive = _larger(self._alive, size)
+            self._points = larger(self._points, size)
+            self._alive = larger(self._alive, size)
             slots = np.full(size, -1)
             slots[: len(self._slots)] = self._slots
             self._slots = slots
@@ -352,7 +352,8 @@ def _neighbours(ids: Integers, squares: Floats, shape: tuple[int, ...]) -> Neigh
     return Neighbours(ids, squares) if len(shape) == 2 else Neighbours(ids[0], squares[0])
 
 
-def _larger(array: NDArray[Scalar], size: int) -> NDArray[Scalar]:
-    larger = np.empty((size, *array.shape[1:]), array.dtype)
-    larger[: len(array)] = array
-    return larger
+def larger(array: NDArray[Scalar], size: int) -> NDArray[Scalar]:
+    """A copy with room for `size` rows."""
+    roomy = np.empty((size, *array.shape[1:]), array.dtype)
+    roomy[: len(array)] = array
+    return roomy
