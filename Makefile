@@ -1,4 +1,4 @@
-# The verbs: make setup demo up test lint format bench proto lock clean
+# The verbs: make setup demo up test soak lint format bench proto openapi sync lock clean
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
@@ -6,7 +6,7 @@ STAMP := $(VENV)/.set-up
 BENCH_STAMP := $(VENV)/.bench-set-up
 KERNELS := $(VENV)/.kernels
 
-.PHONY: setup demo up test lint format bench proto lock clean
+.PHONY: setup demo up test soak lint format bench proto openapi sync lock clean
 
 setup: $(STAMP)
 
@@ -28,6 +28,9 @@ test: $(STAMP) $(KERNELS)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/learner -q
 	$(BIN)/pytest
 
+soak: $(STAMP) $(KERNELS)  ## kills the server during writes a hundred times, and looks longer for what breaks it
+	HANDEYE_SOAK=100 $(BIN)/pytest tests/server/store tests/server/test_schemathesis.py tests/system/test_durability.py
+
 # numba does not notice when something changes that a kernel calls, and would go on with old machine code.
 $(KERNELS): $(STAMP) $(wildcard learner/handeye/rpt/kernels/*.py)
 	@find learner experiments -name '*.nb[ic]' -delete
@@ -43,8 +46,9 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(BENCH_STAMP) $(KERNELS)  ## measures RPC and the learner beside what others pick; a quarter of an hour; benchmarks/README.md
+bench: $(BENCH_STAMP) $(KERNELS)  ## measures RPC, the service and the learner; a quarter of an hour; benchmarks/README.md
 	$(BIN)/python benchmarks/rpc.py
+	$(BIN)/python -m benchmarks.service.run --output benchmarks/results/service
 	$(BIN)/python -m benchmarks.learner.run --output benchmarks/results/learner
 
 $(BENCH_STAMP): $(STAMP) requirements-bench.txt
@@ -58,12 +62,22 @@ $(BENCH_STAMP): $(STAMP) requirements-bench.txt
 proto: $(STAMP)  ## generates the messages' Python from the .proto files
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m grpc_tools.protoc -I proto --python_out=proto --mypy_out=proto proto/handeye/proto/v1/*.proto
 
+openapi: $(STAMP)  ## writes docs/openapi.json, as the running server gives it
+	$(BIN)/python -m handeye.server.openapi > docs/openapi.json
+
+sync: $(STAMP)  ## makes the synchronous client of the asynchronous one
+	$(BIN)/python tools/make_sync.py
+
 # Needs uv; the file carries versions and hashes, no addresses.
 lock:
 	uv pip compile --quiet --upgrade --generate-hashes --no-header --no-emit-index-url --python-version 3.11 \
 		--extra test --group build pyproject.toml -o requirements.txt
 	uv pip compile --quiet --upgrade --generate-hashes --no-header --no-emit-index-url --python-version 3.11 \
 		--constraint requirements.txt --group bench -o requirements-bench.txt
+	uv pip compile --quiet --generate-hashes --no-header --no-emit-index-url --python-version 3.11 \
+		--constraint requirements.txt --extra robot --extra camera --group build pyproject.toml -o requirements-bridge.txt
+	uv pip compile --quiet --generate-hashes --no-header --no-emit-index-url --python-version 3.11 \
+		--constraint requirements.txt --extra server --extra postgres --group build pyproject.toml -o requirements-server.txt
 
 clean:
 	rm -rf $(VENV) report .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -94,7 +94,15 @@ def test_run_returns_the_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "roles"),
-    [(["robot-bridge", "--watch-parent"], {"robot"}), (["demo"], {"simulation"}), (["up"], set()), ([], set(KNOWN))],
+    [
+        (["robot-bridge", "--watch-parent"], {"robot"}),
+        (["demo"], {"simulation"}),
+        (["up"], set()),
+        ([], set(KNOWN)),
+        (["--url", "http://here:1", "--token", "run", "query", "m"], {"client"}),
+        (["--url=http://here:1", "demo"], {"simulation"}),
+        (["--url", "http://here:1"], set(KNOWN)),
+    ],
 )
 def test_only_the_role_of_the_verb_is_loaded(arguments: list[str], roles: set[str]) -> None:
     assert {role.name for role in needed(arguments)} == roles
@@ -107,6 +115,7 @@ def test_help_needs_all_roles() -> None:
 def test_the_known_verbs_are_those_that_the_roles_register() -> None:
     app = build_app()
     names = {command.name or getattr(command.callback, "__name__", "") for command in app.registered_commands}
+    names |= {group.name for group in app.registered_groups}
     assert names == {*OWN_VERBS, *(verb for role in KNOWN.values() for verb in role.verbs)}
 
 
@@ -114,6 +123,22 @@ def test_every_known_role_is_an_entry_point_of_the_distribution() -> None:
     from importlib.metadata import entry_points
 
     assert set(KNOWN) == {role.name for role in entry_points(group="handeye.verbs")}
+
+
+def test_where_the_coordinator_is_may_be_said_before_the_verb(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("HANDEYE_URL", "HANDEYE_TOKEN"):
+        monkeypatch.setenv(name, "set by the test")  # so that what the command sets is undone
+    assert run(["--url", "http://127.0.0.1:9", "--token", "secret", "stop"]) == 1
+    assert "The coordinator at http://127.0.0.1:9 cannot be reached" in capsys.readouterr().err
+    assert (os.environ["HANDEYE_URL"], os.environ["HANDEYE_TOKEN"]) == ("http://127.0.0.1:9", "secret")
+
+
+def test_the_missing_package_of_a_verb_behind_options_names_the_extra() -> None:
+    message = explain(ModuleNotFoundError("No module named 'fastapi'", name="fastapi"), ["--url", "x", "server"])
+    assert message is not None
+    assert "`handeye server`" in message
 
 
 def test_without_typer_the_command_says_what_to_install() -> None:

@@ -41,12 +41,12 @@ def test_an_unknown_key_is_an_error(changes: dict[str, Any]) -> None:
     ("changes", "message"),
     [
         ({"outputs": []}, "at least 1"),
-        ({"inputs": []}, "not a category"),
+        ({"inputs": []}, "at least 1 item"),
         ({"inputs": [{"name": "subtask", "unit": "", "categorical": True}]}, "not a category"),
         ({"inputs": [{"name": "row", "unit": "px"}, {"name": "row", "unit": "px"}]}, "share a name: row"),
         ({"outputs": [{"name": "x", "unit": "m"}, {"name": "x", "unit": "m"}]}, "share a name: x"),
-        ({"inputs": [{"name": "row", "unit": "px", "scale": 0}]}, "greater than 0"),
-        ({"inputs": [{"name": "row", "unit": "px", "scale": float("inf")}]}, "finite"),
+        ({"inputs": [{"name": "row", "unit": "px", "scale": 0}]}, "greater than or equal"),
+        ({"inputs": [{"name": "row", "unit": "px", "scale": float("inf")}]}, "less than or equal"),
         ({"inputs": [{"name": "", "unit": "px"}]}, "at least 1 character"),
     ],
 )

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from handeye.modules.answers import Support
 from handeye.modules.declaration import ApproximatorSettings, Component, ModuleDeclaration, Output
-from handeye.modules.module import Module, Support, warm_up
+from handeye.modules.module import Module, warm_up
 from handeye.rpt import NotTaught
 
 Floats = NDArray[np.float64]

@@ -6,10 +6,15 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from fastapi import FastAPI
 from numpy.typing import NDArray
+from pydantic import SecretStr
+from starlette.testclient import TestClient
 
 from handeye.camera_bridge.driver import Frame, HeadState, Image, StereoPair, Tick
 from handeye.modules.module import warm_up
@@ -17,8 +22,17 @@ from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ImagePair, ImagePoint
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch, unwatched
 from handeye.rpc.errors import Busy, DeadlineExceeded, RpcError, Stopped, Unauthorised, Unavailable
+from handeye.server.access import Access, LimitSettings, Tokens
+from handeye.server.app import create_app
+from handeye.server.control import Control
 from handeye.server.coordinator import Coordinator
+from handeye.server.metrics import Metrics
+from handeye.server.results import TrainStatistics
 from handeye.server.settings import ServerSettings
+from handeye.server.store import Store
+from handeye.server.training import TrainRequest
+
+TOKEN = "a-token-for-tests"
 
 JOINTS = 6
 STEP = 0.01
@@ -62,6 +76,7 @@ class ToyRobot:
         self.commands: list[str] = []
         self.stopped = ""
         self.leased = False
+        self.lease_id = ""
         self.fail_with: RpcError | None = None
         self.on_step: threading.Event | None = None
         self.hang = False
@@ -83,11 +98,11 @@ class ToyRobot:
     def lease(self) -> Iterator[None]:
         if self.leased:
             raise Busy("the control lease is held by 'teacher'")
-        self.leased = True
+        self.leased, self.lease_id = True, "a lease"
         try:
             yield
         finally:
-            self.leased = False
+            self.leased, self.lease_id = False, ""
 
     def beat(self) -> None:
         self.beats += 1
@@ -151,16 +166,18 @@ class ToyRobot:
         return self.state()
 
     def park(self, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
-        self.commands.append("park")
-        raise AssertionError("an acting task parked the robot")
+        self._command("park", 1.0, watch)
+        self.world.joints = PARK.copy()
+        return self.state()
 
     def move_to_point(self, point: NDArray[np.float64], pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
-        self.commands.append("move_to_point")
-        raise AssertionError("an acting task used inverse kinematics")
+        self._command("move_to_point", 1.0, watch)
+        return self.state()
 
     def move_to_joints(self, joints: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
-        self.commands.append("move_to_joints")
-        raise AssertionError("an acting task moved to absolute joints")
+        self._command("move_to_joints", 1.0, watch)
+        self.world.joints = np.array(joints)
+        return self.state()
 
     def stop(self, reason: str = "") -> RobotState:
         self.commands.append("stop")
@@ -213,6 +230,32 @@ class ToyCameras:
         """Nothing to release."""
 
 
+class ToyHead:
+    """A head that turns at once."""
+
+    limits = ((-1.0, 1.0), (-0.5, 0.5))
+    step = 0.0
+    speed = 1.0
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.pan = self.tilt = 0.0
+
+    def state(self) -> HeadState:
+        return HeadState(self.pan, self.tilt, False, self.world.time)
+
+    def move(self, pan: float, tilt: float, lease_id: str, timeout: float, on_tick: Tick | None = None) -> HeadState:
+        if not lease_id:
+            raise Unauthorised("the head needs the control lease")
+        if on_tick is not None:
+            on_tick()
+        self.pan, self.tilt = pan, tilt
+        return self.state()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
 class ToySight:
     """Sees where the toy world says that things are, to a tenth of a pixel."""
 
@@ -222,6 +265,9 @@ class ToySight:
 
     def learn(self, name: str, backgrounds: list[Image], examples: list[Image]) -> None:
         self.learned[name] = (len(backgrounds), len(examples))
+
+    def forget(self, name: str) -> None:
+        self.learned.pop(name, None)
 
     def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
         for what in ("object", "hand"):
@@ -242,6 +288,19 @@ class Lab:
     coordinator: Coordinator
     missing: list[str]
     places: list[tuple[float, float]]
+    access: Access
+
+    def app(self) -> FastAPI:
+        """The application, whose configured token is `TOKEN`."""
+        return create_app(self.coordinator, self.access)
+
+    def train(self, task: str = "grasp", **options: Any) -> TrainStatistics:
+        """Trains a task and waits for it."""
+        job = self.coordinator.train_task(task, TrainRequest(**options))
+        assert job.wait(30.0)
+        result = job.view().result
+        assert isinstance(result, TrainStatistics), job.view().error
+        return result
 
     def teach(self, cups: list[tuple[float, float]], task: str = "grasp") -> None:
         """Shows the task once for each place (row, column) of the cup, with scattered observations."""
@@ -277,12 +336,42 @@ def compiled() -> None:
 
 
 @pytest.fixture
-def lab() -> Iterator[Lab]:
+def store(tmp_path: Path) -> Iterator[Store]:
+    with Store.open(f"sqlite:///{tmp_path / 'handeye.db'}") as opened:
+        yield opened
+
+
+@pytest.fixture
+def lab(store: Store) -> Iterator[Lab]:
+    with open_lab(store) as opened:
+        yield opened
+
+
+@pytest.fixture
+def http(lab: Lab) -> Iterator[TestClient]:
+    with asking(lab) as client:
+        yield client
+
+
+@contextmanager
+def asking(lab: Lab) -> Iterator[TestClient]:
+    """A client of the lab's application."""
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    with TestClient(lab.app(), headers=headers, raise_server_exceptions=False) as client:
+        yield client
+
+
+@contextmanager
+def open_lab(store: Store) -> Iterator[Lab]:
+    """A toy world, and a coordinator of a store that works in it."""
     world = World(time=1.0)
     robot, cameras, sight = ToyRobot(world), ToyCameras(world), ToySight(world)
     missing: list[str] = []
-    coordinator = Coordinator(robot, cameras, sight, ServerSettings(), lambda: missing)
+    control = Control(lambda _holder: robot, ToyHead(world))
+    coordinator = Coordinator(store, robot, control, cameras, sight, ServerSettings(), lambda: missing)
+    access = Access(Tokens(store, SecretStr(TOKEN)), LimitSettings(), Metrics())
+    coordinator.load()
     try:
-        yield Lab(world, robot, cameras, sight, coordinator, missing, PLACES)
+        yield Lab(world, robot, cameras, sight, coordinator, missing, PLACES, access)
     finally:
         coordinator.close()

@@ -11,12 +11,11 @@ import pytest
 from handeye.robot_bridge.driver import Pace, unwatched
 from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, Unavailable
 from handeye.server.acting import ActingRobot, ActingSettings
-from handeye.server.coordinator import Coordinator
-from handeye.server.jobs import JobBusy
+from handeye.server.jobs import JobBusy, Jobs
 from handeye.server.problem import NotFound
-from handeye.server.results import JobState, JobView
+from handeye.server.results import JobState, JobView, RunResult
 from handeye.server.settings import ServerSettings
-from handeye.server.training import TrainRequest
+from handeye.server.store import jobs as stored_jobs
 
 if TYPE_CHECKING:
     from handeye.camera_bridge.driver import Tick
@@ -30,7 +29,7 @@ def train(lab: Lab, **settings: object) -> None:
     """Teaches the grasp on a grid of places; acting settings may be changed."""
     lab.coordinator.settings = ServerSettings(acting=ActingSettings.model_validate(settings))
     lab.teach(lab.places)
-    lab.coordinator.train("grasp", TrainRequest())
+    lab.train()
     lab.world.cup = UNTAUGHT
     lab.robot.commands.clear()
 
@@ -41,9 +40,20 @@ def run(lab: Lab, *, one_look: bool = False) -> JobView:
     return job.view()
 
 
+def done(job: JobView) -> RunResult:
+    """What the run did."""
+    assert isinstance(job.result, RunResult)
+    return job.result
+
+
+def picture(lab: Lab, job: str, number: int) -> bytes | None:
+    with lab.coordinator.store.read() as connection:
+        return stored_jobs.picture(connection, job, number)
+
+
 def miss(job: JobView) -> float:
     """Distance of hand and cup in pixels when the gripper has closed: as the first look afterwards saw it."""
-    look = job.result.subtasks[1].looks[0]
+    look = done(job).subtasks[1].looks[0]
     return float(np.linalg.norm(np.subtract(look.hand, look.object)))
 
 
@@ -54,7 +64,7 @@ def test_the_hand_reaches_an_untaught_place_with_an_arm_that_is_not_exact(lab: L
     assert (job.state, job.error) == (JobState.SUCCEEDED, None)
     assert miss(job) < 0.5
     assert lab.world.joints[3] == pytest.approx(-0.4, abs=0.02)
-    grasp, lift = job.result.subtasks
+    grasp, lift = done(job).subtasks
     assert (grasp.name, grasp.state, grasp.aligned, grasp.action) == ("grasp", "succeeded", True, "close_gripper")
     assert (lift.name, lift.state, lift.action) == ("lift", "succeeded", None)
     assert len(grasp.looks) >= 3
@@ -65,8 +75,8 @@ def test_one_look_is_worse_than_looking_again(lab: Lab) -> None:
     lab.world.reads = 0.9
     job = run(lab, one_look=True)
     assert job.state is JobState.SUCCEEDED
-    assert [len(subtask.looks) for subtask in job.result.subtasks] == [1, 1]
-    assert not job.result.subtasks[0].aligned
+    assert [len(subtask.looks) for subtask in done(job).subtasks] == [1, 1]
+    assert not done(job).subtasks[0].aligned
     assert miss(job) > 3.0
 
 
@@ -91,24 +101,24 @@ def test_the_facade_has_no_other_way_to_the_robot(lab: Lab) -> None:
 def test_every_look_is_recorded_with_where_its_answer_came_from(lab: Lab) -> None:
     train(lab)
     job = run(lab)
-    looks = [look for subtask in job.result.subtasks for look in subtask.looks]
+    looks = [look for subtask in done(job).subtasks for look in subtask.looks]
     for number, look in enumerate(looks):
         assert look.number == number
         assert 0.0 < look.support <= 1.0
         assert look.picture == f"/v1/jobs/{job.id}/looks/{number}.jpg"
         distances = [neighbour.distance for neighbour in look.neighbours]
         assert distances == sorted(distances)
-        assert all(neighbour.demonstration.startswith("grasp-") for neighbour in look.neighbours)
+        assert all((neighbour.demonstration or "").startswith("grasp-") for neighbour in look.neighbours)
     first = looks[0]
     assert first.object == tuple(UNTAUGHT)
     assert first.moved == pytest.approx(first.delta)
-    assert looks[-1].moved == () or not job.result.subtasks[-1].aligned
+    assert looks[-1].moved == () or not done(job).subtasks[-1].aligned
 
 
 def test_each_look_is_charged_and_shows_the_arm_at_rest(lab: Lab) -> None:
     train(lab, thinking=0.5)
     job = run(lab)
-    (grasp, lift), looks = job.result.subtasks, job.result.subtasks[0].looks
+    (grasp, lift), looks = done(job).subtasks, done(job).subtasks[0].looks
     gaps = np.diff([look.world_time for look in looks])
     # 1 s motion, 0.5 s thinking, and the cameras' latency with what the right picture is later
     assert gaps == pytest.approx(1.57, abs=0.03)
@@ -123,7 +133,7 @@ def test_looks_run_out_and_the_task_goes_on_with_what_is_acceptable(lab: Lab) ->
     lab.world.reads = 0.9
     job = run(lab)
     assert (job.state, job.error) == (JobState.SUCCEEDED, None)
-    for subtask in job.result.subtasks:
+    for subtask in done(job).subtasks:
         assert (subtask.state, subtask.aligned, len(subtask.looks)) == ("succeeded", False, 6)
         assert 1e-9 < max(np.abs(subtask.looks[-1].delta)) <= 0.006
 
@@ -132,7 +142,7 @@ def test_looks_run_out_far_from_the_goal_and_the_gripper_does_not_close(lab: Lab
     train(lab, max_looks=2)
     lab.world.reads = 0.5
     job = failed(lab, "not_aligned")
-    (grasp,) = job.result.subtasks
+    (grasp,) = done(job).subtasks
     assert (grasp.state, grasp.aligned, len(grasp.looks)) == ("failed", False, 2)
     assert job.error is not None
     assert f"{max(np.abs(grasp.looks[-1].delta)):.4f} rad" in job.error.message
@@ -145,7 +155,7 @@ def test_looks_run_out_where_no_gripper_acts_and_the_task_goes_on(lab: Lab) -> N
     lab.world.reads = 0.9
     job = run(lab)
     assert (job.state, job.error) == (JobState.SUCCEEDED, None)
-    grasp, lift = job.result.subtasks
+    grasp, lift = done(job).subtasks
     assert (grasp.aligned, lift.aligned, lift.action) == (True, False, None)
     assert max(np.abs(lift.looks[-1].delta)) > 1e-9
 
@@ -174,8 +184,8 @@ def test_what_is_not_seen_stops_the_arm(lab: Lab, hidden: str) -> None:
     assert job.error is not None
     assert hidden in job.error.message
     assert hidden in lab.robot.stopped
-    assert job.result.subtasks[0].state == "failed"
-    assert lab.coordinator.pictures.get(job.id, 0) is not None
+    assert done(job).subtasks[0].state == "failed"
+    assert picture(lab, job.id, 0) is not None
 
 
 def test_outside_the_taught_region_the_task_holds_and_asks_for_a_demonstration(lab: Lab) -> None:
@@ -185,7 +195,7 @@ def test_outside_the_taught_region_the_task_holds_and_asks_for_a_demonstration(l
     assert job.error is not None
     assert "outside the taught region" in job.error.message
     assert "nearest demonstration is 'grasp-" in job.error.message
-    look = job.result.subtasks[0].looks[-1]
+    look = done(job).subtasks[0].looks[-1]
     assert look.moved == ()
     assert look.support < 0.2
     assert "adjust_joints" not in lab.robot.commands
@@ -326,19 +336,19 @@ def test_in_realtime_nobody_advances_the_world(lab: Lab, monkeypatch: pytest.Mon
     assert lab.robot.commands.count("advance") == 1  # the hold at the end
 
 
-def test_a_coordinator_keeps_the_newest_jobs_and_pictures_only(lab: Lab) -> None:
+def test_the_newest_jobs_and_pictures_are_kept(lab: Lab) -> None:
     train(lab)
-    settings = ServerSettings(jobs_kept=2, pictures_kept=1)
-    small = Coordinator(lab.robot, lab.cameras, lab.sight, settings, list)
-    small.objects, small.tasks = lab.coordinator.objects, lab.coordinator.tasks
+    lab.coordinator.settings = ServerSettings(pictures_kept=1)
+    jobs = Jobs(lab.coordinator.store, kept=2)
+    lab.coordinator.jobs = jobs
     ids = []
     for _ in range(3):
-        job = small.run("grasp", "blue cup", one_look=True)
+        job = lab.coordinator.run("grasp", "blue cup", one_look=True)
         assert job.wait(30.0)
         ids.append(job.id)
     with pytest.raises(NotFound, match="newest 2"):
-        small.jobs.get(ids[0])
-    assert small.jobs.get(ids[1]).ended
-    assert small.pictures.get(ids[1], 0) is None
-    assert small.pictures.get(ids[2], 0) is not None
-    assert small.pictures.get(ids[2], -1) is None
+        jobs.get(ids[0])
+    assert jobs.get(ids[1]).ended
+    assert picture(lab, ids[1], 0) is None
+    assert picture(lab, ids[2], 0) is not None
+    assert picture(lab, ids[2], -1) is None

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import socket
+import stat
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import httpx2
@@ -49,21 +51,28 @@ def bridges(bus: Bus) -> tuple[Server, Server]:
     )
 
 
+@pytest.fixture(autouse=True)
+def own_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HANDEYE_SERVER_DATA_DIR", str(tmp_path / "data"))
+    monkeypatch.delenv("HANDEYE_DATABASE_URL", raising=False)
+
+
 @contextmanager
-def serving(bus_settings: BusSettings, settings: ServerSettings) -> Iterator[tuple[str, SecretStr | None]]:
-    """The coordinator in a thread: its address, and the token that it made."""
-    stop, told = threading.Event(), threading.Event()
-    announced: list[tuple[str, SecretStr | None]] = []
+def serving(bus_settings: BusSettings, settings: ServerSettings) -> Iterator[tuple[str, list[str]]]:
+    """The coordinator in a thread: its address, and what it told people before."""
+    stop, listening = threading.Event(), threading.Event()
+    told: list[str] = []
 
-    def announce(url: str, token: SecretStr | None) -> None:
-        announced.append((url, token))
-        told.set()
+    def tell(sentence: str) -> None:
+        told.append(sentence)
+        if "listens at" in sentence:
+            listening.set()
 
-    thread = threading.Thread(target=serve, args=(settings, bus_settings, stop, announce))
+    thread = threading.Thread(target=serve, args=(settings, bus_settings, stop, tell))
     thread.start()
     try:
-        assert told.wait(LIMIT)
-        yield announced[0]
+        assert listening.wait(LIMIT)
+        yield told[-1].split()[-1], told[:-1]
     finally:
         stop.set()
         thread.join(LIMIT)
@@ -79,18 +88,23 @@ def until(url: str, status: int) -> httpx2.Response:
     return response
 
 
-def test_ready_when_the_bridges_are_and_not_any_more_when_one_goes(bus_settings: BusSettings) -> None:
+def test_ready_when_the_bridges_are_and_not_any_more_when_one_goes(bus_settings: BusSettings, tmp_path: Path) -> None:
     with (
         Bus.host(bus_settings, {}, name="router") as bus,
-        serving(bus_settings, ServerSettings(port=0)) as (url, token),
+        serving(bus_settings, ServerSettings(port=0)) as (url, told),
     ):
-        assert token is not None
+        (sentence,) = told
+        path = tmp_path / "data" / "first-token"
+        assert str(path) in sentence
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+        token = path.read_text().strip()
+        assert token not in sentence
         missing = httpx2.get(f"{url}/readyz", timeout=LIMIT).json()["missing"]
         assert any("Robot" in sentence for sentence in missing)
         assert any("Camera" in sentence for sentence in missing)
         robot, camera = bridges(bus)
         until(f"{url}/readyz", 200)
-        headers = {"Authorization": f"Bearer {token.get_secret_value()}"}
+        headers = {"Authorization": f"Bearer {token}"}
         state = httpx2.get(f"{url}/v1/robot", headers=headers, timeout=LIMIT)
         assert state.json()["world_time"] == 4.0
         camera.close()
@@ -117,7 +131,7 @@ def test_requests_that_wait_for_pictures_do_not_hold_up_the_end(bus_settings: Bu
 
     settings = ServerSettings(port=0, token=SecretStr("configured"), grab_timeout=LIMIT)
     with Bus.host(bus_settings, {}, name="router") as bus, bus.serve({CAMERA_GRAB_STEREO: wait_for_picture}):
-        with serving(bus_settings, settings) as (url, _token):
+        with serving(bus_settings, settings) as (url, _told):
             until(f"{url}/healthz", 200)
             callers = [threading.Thread(target=ask, args=(url,)) for _ in range(20)]
             for caller in callers:
@@ -132,22 +146,22 @@ def test_requests_that_wait_for_pictures_do_not_hold_up_the_end(bus_settings: Bu
 
 def test_a_configured_token_is_not_shown(bus_settings: BusSettings) -> None:
     settings = ServerSettings(port=0, token=SecretStr("configured"))
-    with Bus.host(bus_settings, {}, name="router"), serving(bus_settings, settings) as (url, token):
-        assert token is None
+    with Bus.host(bus_settings, {}, name="router"), serving(bus_settings, settings) as (url, told):
+        assert told == []
         assert httpx2.get(f"{url}/v1/objects", headers={"Authorization": "Bearer configured"}).status_code == 200
 
 
 def test_without_a_router_it_says_so(bus_settings: BusSettings) -> None:
     settings = ServerSettings(port=0, connect_timeout=0.3)
     with pytest.raises(Unavailable, match=bus_settings.endpoint):
-        serve(settings, bus_settings, threading.Event(), lambda _url, _token: None)
+        serve(settings, bus_settings, threading.Event(), lambda _sentence: None)
 
 
 def test_a_taken_port_is_named(bus_settings: BusSettings) -> None:
     with closing(socket.create_server(("127.0.0.1", 0))) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(CannotListen, match=f"port {port} .*HANDEYE_SERVER_PORT"):
-            serve(ServerSettings(port=port), bus_settings, threading.Event(), lambda _url, _token: None)
+            serve(ServerSettings(port=port), bus_settings, threading.Event(), lambda _sentence: None)
 
 
 @pytest.mark.system

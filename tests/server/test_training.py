@@ -10,8 +10,11 @@ import pytest
 from handeye.modules import ijs
 from handeye.modules.declaration import ApproximatorSettings
 from handeye.modules.spaces import ImagePair, ImagePoint
-from handeye.server.demonstrations import Demonstration, Demonstrations, Incomplete
+from handeye.server.demonstration import Demonstration
+from handeye.server.demonstrations import Demonstrations, Incomplete
+from handeye.server.livemodules import LiveModules
 from handeye.server.problem import NotFound
+from handeye.server.store import Store
 from handeye.server.training import NotTeachable, Tasks, TrainRequest, common_subtasks, declare, pairs
 
 if TYPE_CHECKING:
@@ -20,24 +23,35 @@ if TYPE_CHECKING:
 FOUND = ImagePair(object=ImagePoint(200.0, 300.0, 150.0), hand=ImagePoint(190.0, 320.0, 153.0))
 
 
+@pytest.fixture
+def recorded(store: Store) -> Demonstrations:
+    return Demonstrations(store)
+
+
+@pytest.fixture
+def tasks(store: Store) -> Tasks:
+    modules = LiveModules(store)
+    modules.load()
+    return Tasks(store, modules)
+
+
 def joints(first: float) -> NDArray[np.float64]:
     return np.array([first, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
-def shown(store: Demonstrations, action: str | None = "close_gripper", subtasks: str = "ab") -> Demonstration:
+def shown(recorded: Demonstrations, action: str | None = "close_gripper", subtasks: str = "ab") -> Demonstration:
     """Two subtasks: at 0.1 (key), 0.2, goal 0.5; the second at 1.1, ..."""
-    demonstration = store.begin("grasp", "cup")
+    demonstration = recorded.begin("grasp", "cup")
     for number, subtask in enumerate(subtasks):
         for at, goal, key in ((0.1, False, True), (0.5, True, False), (0.2, False, False)):
-            store.observe(demonstration.id, subtask, FOUND, joints(number + at), 1.0, goal=goal, key=key)
+            recorded.observe(demonstration.id, subtask, FOUND, joints(number + at), 1.0, goal=goal, key=key)
     if action == "close_gripper":
-        store.act(demonstration.id, "a", "close_gripper")
-    return store.finish(demonstration.id)
+        recorded.act(demonstration.id, "a", "close_gripper")
+    return recorded.finish(demonstration.id)
 
 
-def test_every_observation_points_to_its_subtasks_goal_in_its_own_demonstration() -> None:
-    store = Demonstrations()
-    one, two = shown(store), shown(store)
+def test_every_observation_points_to_its_subtasks_goal_in_its_own_demonstration(recorded: Demonstrations) -> None:
+    one, two = shown(recorded), shown(recorded)
     taught = pairs([one, two], common_subtasks([one, two]), key_only=False)
     assert taught.inputs.shape == (12, 10)
     np.testing.assert_allclose(taught.inputs[0], [0, 10.0, -20.0, -3.0, 0.1, 0, 0, 0, 0, 1.0])
@@ -47,57 +61,51 @@ def test_every_observation_points_to_its_subtasks_goal_in_its_own_demonstration(
     assert taught.demonstrations == ("grasp-1",) * 6 + ("grasp-2",) * 6
 
 
-def test_the_thesiss_variant_keeps_the_bare_pairs_only() -> None:
-    demonstration = shown(Demonstrations())
+def test_the_thesiss_variant_keeps_the_bare_pairs_only(recorded: Demonstrations) -> None:
+    demonstration = shown(recorded)
     taught = pairs([demonstration], demonstration.subtasks, key_only=True)
     np.testing.assert_allclose(taught.inputs[:, 4], [0.1, 1.1])
     np.testing.assert_allclose(taught.outputs[:, 0], [0.4, 0.4])
 
 
-def test_a_recorded_observation_does_not_change_with_the_callers_array() -> None:
-    store = Demonstrations()
+def test_a_recorded_observation_does_not_change_with_the_callers_array(recorded: Demonstrations) -> None:
     at = joints(0.3)
-    observation = store.observe(store.begin("t", "o").id, "a", FOUND, at, 0.0, goal=True, key=True)
+    observation = recorded.observe(recorded.begin("t", "o").id, "a", FOUND, at, 0.0, goal=True, key=True)
     at[0] = 9.0
     assert observation.joints[0] == pytest.approx(0.3)
 
 
-def test_without_key_observations_the_thesiss_variant_is_refused() -> None:
-    store = Demonstrations()
-    demonstration = store.begin("grasp", "cup")
-    store.observe(demonstration.id, "a", FOUND, joints(0.0), 0.0, goal=True, key=False)
+def test_without_key_observations_the_thesiss_variant_is_refused(recorded: Demonstrations) -> None:
+    demonstration = recorded.begin("grasp", "cup")
+    recorded.observe(demonstration.id, "a", FOUND, joints(0.0), 0.0, goal=True, key=False)
+    shown_so_far = recorded.get(demonstration.id)
     with pytest.raises(NotTeachable, match="'a'"):
-        pairs([demonstration], demonstration.subtasks, key_only=True)
+        pairs([shown_so_far], shown_so_far.subtasks, key_only=True)
 
 
 @pytest.mark.parametrize(("action", "subtasks"), [(None, "ab"), ("close_gripper", "ba"), ("close_gripper", "a")])
-def test_demonstrations_that_disagree_are_named(action: str | None, subtasks: str) -> None:
-    store = Demonstrations()
+def test_demonstrations_that_disagree_are_named(recorded: Demonstrations, action: str | None, subtasks: str) -> None:
     with pytest.raises(NotTeachable, match=r"'grasp-1' and 'grasp-2' disagree.*a \(close_gripper\), b"):
-        common_subtasks([shown(store), shown(store, action, subtasks)])
+        common_subtasks([shown(recorded), shown(recorded, action, subtasks)])
 
 
-def test_only_finished_demonstrations_of_the_task_train_it() -> None:
-    store = Demonstrations()
-    tasks = Tasks()
+def test_only_finished_demonstrations_of_the_task_train_it(recorded: Demonstrations, tasks: Tasks) -> None:
     with pytest.raises(NotFound, match="no finished demonstration"):
-        tasks.train("grasp", store.finished("grasp"), TrainRequest())
-    shown(store)
-    store.begin("grasp", "cup")
-    store.begin("pour", "cup")
-    statistics = tasks.train("grasp", store.finished("grasp"), TrainRequest())
+        tasks.train("grasp", recorded.trainable("grasp"), TrainRequest())
+    shown(recorded)
+    recorded.begin("grasp", "cup")
+    recorded.begin("pour", "cup")
+    statistics = tasks.train("grasp", recorded.trainable("grasp"), TrainRequest())
     assert statistics.demonstrations == ("grasp-1",)
     assert statistics.pairs == 6
     assert [(s.name, s.action, s.pairs) for s in statistics.subtasks] == [("a", "close_gripper", 3), ("b", None, 3)]
     assert [s.name for s in tasks.get("grasp").subtasks] == ["a", "b"]
 
 
-def test_answers_come_from_the_asked_subtask() -> None:
-    store = Demonstrations()
-    tasks = Tasks()
+def test_answers_come_from_the_asked_subtask(recorded: Demonstrations, tasks: Tasks) -> None:
     for _ in range(3):
-        shown(store)
-    tasks.train("grasp", store.finished("grasp"), TrainRequest(approximator="nearest"))
+        shown(recorded)
+    tasks.train("grasp", recorded.trainable("grasp"), TrainRequest(approximator="nearest"))
     turn, answer = tasks.get("grasp").answer("b", FOUND, joints(0.1))  # where only 'a' was shown
     assert turn.angles[0] == pytest.approx(0.4)
     assert answer.neighbours[0].demonstration == "grasp-1"
@@ -113,11 +121,10 @@ def test_an_approximator_is_named_or_given_with_its_settings() -> None:
         TrainRequest.model_validate({"approximator": "guess"})
 
 
-def test_the_order_of_the_subtasks_is_that_of_their_first_observation() -> None:
-    store = Demonstrations()
-    demonstration = store.begin("grasp", "cup")
+def test_the_order_of_the_subtasks_is_that_of_their_first_observation(recorded: Demonstrations) -> None:
+    demonstration = recorded.begin("grasp", "cup")
     for subtask in ("approach", "grasp", "approach"):
-        store.observe(demonstration.id, subtask, FOUND, joints(0.0), 0.0, goal=False, key=False)
-    assert demonstration.subtask_names == ("approach", "grasp")
+        recorded.observe(demonstration.id, subtask, FOUND, joints(0.0), 0.0, goal=False, key=False)
+    assert recorded.get(demonstration.id).subtask_names == ("approach", "grasp")
     with pytest.raises(Incomplete, match="'approach', 'grasp'"):
-        store.finish(demonstration.id)
+        recorded.finish(demonstration.id)

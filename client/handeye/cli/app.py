@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Iterable
@@ -29,14 +30,23 @@ KNOWN = {
     "bus": RoleVerbs(("router",), "rpc,cli"),
     "robot": RoleVerbs(("robot-bridge",), "robot"),
     "camera": RoleVerbs(("camera-bridge",), "camera"),
-    "server": RoleVerbs(("server",), "server"),
-    "client": RoleVerbs(("run", "stop", "reset"), "client"),
+    "server": RoleVerbs(("server", "verify", "repair"), "server"),
+    "client": RoleVerbs(
+        (
+            *("module", "train", "query", "run", "record", "replay"),
+            *("job", "token", "backup", "restore", "stop", "reset"),
+        ),
+        "client",
+    ),
     "simulation": RoleVerbs(("teach", "place", "demo"), "all"),
 }
 """The roles by the names of their entry points. A role that is not here may still register verbs."""
 
 OWN_VERBS = ("up", "doctor")
 """The verbs of this package."""
+
+_OPTIONS = {"--url": "HANDEYE_URL", "--token": "HANDEYE_TOKEN"}
+"""The options of all verbs that talk to a coordinator, and where those read them from when they are given before."""
 
 _UNKNOWN = RoleVerbs((), "all")
 
@@ -88,16 +98,27 @@ def needed(arguments: list[str]) -> list[EntryPoint]:
     Loading a role's verbs costs some tenths of a second, and `handeye up` starts four processes at once.
     """
     found = list(entry_points(group=GROUP))
-    verb = arguments[0] if arguments else ""
+    verb = verb_of(arguments)
     if verb in OWN_VERBS:
         return []
     return [role for role in found if verb in KNOWN.get(role.name, _UNKNOWN).verbs] or found
 
 
+def verb_of(arguments: list[str]) -> str:
+    """The verb among `arguments`: the first that is neither a global option nor its value; empty without one."""
+    rest = iter(arguments)
+    for argument in rest:
+        if argument in _OPTIONS:
+            next(rest, None)
+        elif not argument.startswith("-"):
+            return argument
+    return ""
+
+
 def explain(error: Exception, arguments: list[str]) -> str | None:
     """The sentence for people that `error` stands for; None when it is a bug."""
     if isinstance(error, ModuleNotFoundError) and not (error.name or "handeye").startswith("handeye"):
-        return _not_installed(next(iter(arguments), ""), error)
+        return _not_installed(verb_of(arguments), error)
     if type(error).__module__.startswith("handeye."):
         return str(error) or type(error).__name__
     if type(error).__module__.startswith("pydantic") and hasattr(error, "errors"):
@@ -145,9 +166,12 @@ def _print_version(wanted: bool) -> None:
 
 
 def _root(
+    url: Annotated[str, typer.Option(help="The coordinator to talk to; default: the one of `handeye up`.")] = "",
+    token: Annotated[str, typer.Option(help="Its token; others on this machine see it: better HANDEYE_TOKEN.")] = "",
     _version: Annotated[
         bool,
         typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit."),
     ] = False,
 ) -> None:
-    pass
+    given = {"--url": url, "--token": token}
+    os.environ.update({_OPTIONS[option]: value for option, value in given.items() if value})

@@ -9,7 +9,7 @@ import socket
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
@@ -60,9 +60,14 @@ class Stack:
         clock: Clock = Clock.LOCKSTEP,
         profile: Profile = Profile.DEFAULT,
         port: int = 0,
+        database_url: str = "",
         console: Console | None = None,
     ) -> None:
-        """Nothing is started yet. `port` is the server's, 0 for a free one."""
+        """Nothing is started yet. `port` is the server's, 0 for a free one.
+
+        What is taught goes to `database_url`; when it is empty, to a file in the state directory, where the next stack
+        of that directory finds it.
+        """
         self.state_dir = state_dir
         self._console = console if console is not None else Console(stderr=True, quiet=True)
         bus_port, lab_port, free_port = free_ports(3)
@@ -72,6 +77,13 @@ class Stack:
         self.token = secrets.token_urlsafe(24)
         self._port = port or free_port
         self.url = f"http://{LOOPBACK}:{self._port}"
+        self.server = self.acting | {
+            "HANDEYE_SERVER_HOST": LOOPBACK,
+            "HANDEYE_SERVER_PORT": str(self._port),
+            "HANDEYE_SERVER_TOKEN": self.token,
+            "HANDEYE_SERVER_DATA_DIR": str(state_dir / "data"),
+            "HANDEYE_DATABASE_URL": database_url or f"sqlite:///{state_dir.absolute() / 'data' / 'handeye.db'}",
+        }
         self._settings = {"HANDEYE_ROBOT_CLOCK": clock.value, "HANDEYE_ROBOT_PROFILE": profile.value}
         self.supervisor = Supervisor(state_dir / "logs")
         self._open = ExitStack()
@@ -105,6 +117,17 @@ class Stack:
         command = [sys.executable, "-m", "handeye.cli.main", verb, "--watch-parent", *arguments]
         return self.supervisor.start(name or verb, command, clean_environment() | dict(environment), logged=logged)
 
+    def wait_ready(self, tell: Callable[[str], None] = lambda _answer: None) -> None:
+        """Returns once the server is ready; `tell` is given what is missing until then."""
+
+        def ready() -> bool:
+            answer = _readiness(self.url)
+            if answer:
+                tell(answer)
+            return answer == ""
+
+        self.supervisor.wait_until(ready, READY_TIMEOUT, "the server")
+
     def _start(self) -> None:
         supervisor = self.supervisor
         with self._console.status("starting the router") as status:
@@ -113,20 +136,8 @@ class Stack:
             status.update("starting robot bridge, camera bridge and server")
             self.start_verb("robot-bridge", environment=self.acting | self.lab | self._settings, name="robot bridge")
             self.start_verb("camera-bridge", environment=self.acting | self.lab, name="camera bridge")
-            server = {
-                "HANDEYE_SERVER_HOST": LOOPBACK,
-                "HANDEYE_SERVER_PORT": str(self._port),
-                "HANDEYE_SERVER_TOKEN": self.token,
-            }
-            self.start_verb("server", environment=self.acting | server)
-
-            def ready() -> bool:
-                answer = _readiness(self.url)
-                if answer:
-                    status.update(f"waiting: {answer}")
-                return answer == ""
-
-            supervisor.wait_until(ready, READY_TIMEOUT, "the server")
+            self.start_verb("server", environment=self.server)
+            self.wait_ready(lambda answer: status.update(f"waiting: {answer}"))
 
     def _router(self) -> dict[str, str]:
         credentials = {self.acting["HANDEYE_BUS_USER"]: self.acting["HANDEYE_BUS_PASSWORD"]}
@@ -155,7 +166,9 @@ def register(app: typer.Typer) -> None:
         """Start router, robot bridge, camera bridge and server here, until Ctrl-C."""
         console = Console(stderr=True)
         directory = state_dir if state_dir is not None else state.default_state_dir()
-        with signals_unwind(), Stack(directory, clock=clock, profile=profile, port=port, console=console) as stack:
+        database_url = os.environ.get("HANDEYE_DATABASE_URL", "")
+        starting = Stack(directory, clock=clock, profile=profile, port=port, database_url=database_url, console=console)
+        with signals_unwind(), starting as stack:
             console.print(f"[green]ready[/]: {stack.url}  (token and settings: {directory}; Ctrl-C ends it)")
             stack.supervisor.run_forever()
 

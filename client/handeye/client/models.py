@@ -2,21 +2,87 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from datetime import datetime
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from handeye.client._job_models import (
+    Job,
+    JobError,
+    JobEvent,
+    Look,
+    MotionJob,
+    Neighbour,
+    OnEvent,
+    Point,
+    RunJob,
+    RunResult,
+    SubtaskResult,
+    SubtaskStatistics,
+    TrainJob,
+    TrainStatistics,
+)
+from handeye.client._model import Model, PageModel
+from handeye.client._module_models import (
+    CategoryStatistics,
+    Component,
+    Declaration,
+    ModuleInfo,
+    ModuleStatistics,
+    Output,
+    Sample,
+    Snapshot,
+    Tree,
+    TreeNode,
+)
+from handeye.client._robot_models import Head, HeadDescription, Robot, RobotDescription
 
-from handeye.client.errors import JobFailed
+__all__ = [
+    "CategoryStatistics",
+    "Component",
+    "Declaration",
+    "Demonstration",
+    "Head",
+    "HeadDescription",
+    "Job",
+    "JobError",
+    "JobEvent",
+    "Look",
+    "ModuleInfo",
+    "ModuleStatistics",
+    "MotionJob",
+    "Neighbour",
+    "NewToken",
+    "Observation",
+    "OnEvent",
+    "Outcome",
+    "Output",
+    "Point",
+    "Recording",
+    "Restored",
+    "Robot",
+    "RobotDescription",
+    "Role",
+    "RunJob",
+    "RunResult",
+    "Sample",
+    "Snapshot",
+    "Subtask",
+    "SubtaskResult",
+    "SubtaskStatistics",
+    "Task",
+    "TaughtObject",
+    "Token",
+    "TrainJob",
+    "TrainStatistics",
+    "Tree",
+    "TreeNode",
+]
 
-Point = tuple[float, float, float]
-"""(row, column, disparity) in pixels."""
+Outcome = Literal["success", "failure"]
+Role = Literal["viewer", "operator", "admin"]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-
-class TaughtObject(_Model):
+class TaughtObject(Model):
     """An object: stereo pairs without (`backgrounds`) and with it (`examples`); `learned`: it can be recognised."""
 
     name: str
@@ -25,21 +91,21 @@ class TaughtObject(_Model):
     learned: bool
 
 
-class TaughtObjects(_Model):
+class TaughtObjects(Model):
     """The objects, in the order of their first pictures."""
 
     objects: tuple[TaughtObject, ...]
 
 
-class Subtask(_Model):
+class Subtask(Model):
     """A part of a task; `action` is what the gripper does at its end."""
 
     name: str
-    action: str | None
+    action: Literal["close_gripper", "open_gripper"] | None
 
 
-class Demonstration(_Model):
-    """A demonstration so far; `observations` counts them."""
+class Demonstration(Model):
+    """A demonstration so far; `observations` counts them. Of an `outcome` "failure" nothing is learned."""
 
     id: str
     task: str
@@ -47,15 +113,11 @@ class Demonstration(_Model):
     state: Literal["recording", "finished"]
     observations: int
     subtasks: tuple[Subtask, ...]
+    outcome: Outcome | None
+    created: datetime
 
 
-class Demonstrations(_Model):
-    """The demonstrations, in the order they were begun."""
-
-    demonstrations: tuple[Demonstration, ...]
-
-
-class Observation(_Model):
+class Observation(Model):
     """What was recognised and read: joints in rad, world time in s."""
 
     number: int
@@ -68,123 +130,57 @@ class Observation(_Model):
     joints: tuple[float, ...]
 
 
-class SubtaskStatistics(_Model):
-    """A trained subtask: its gripper action, its training pairs, and the tree that holds them."""
+class Demonstrations(PageModel):
+    """Demonstrations, in the order they were begun."""
+
+    demonstrations: tuple[Demonstration, ...]
+
+
+class Recording(Model):
+    """All that was observed in a demonstration, in order."""
+
+    observations: tuple[Observation, ...]
+
+
+class Task(Model):
+    """A trained task: the module that answers for it, its subtasks in order, the demonstrations it was taught by."""
 
     name: str
-    action: str | None
-    pairs: int
-    nodes: int
-    levels: int
-
-
-class TrainStatistics(_Model):
-    """What a task was trained from; `approximator` says how answers are made."""
-
-    task: str
+    module: str
+    subtasks: tuple[Subtask, ...]
     demonstrations: tuple[str, ...]
-    pairs: int
-    subtasks: tuple[SubtaskStatistics, ...]
-    approximator: dict[str, Any]
 
 
-class Neighbour(_Model):
-    """A taught sample that an answer came from, its distance to the query and its share in the answer."""
+class Tasks(Model):
+    """The trained tasks, by name."""
 
-    demonstration: str
-    distance: float
-    weight: float
+    tasks: tuple[Task, ...]
 
 
-class Look(_Model):
-    """One look: world time in s; answer `delta` and reported `moved` in rad; `picture` is for `Client.picture`."""
+class Restored(Model):
+    """What is there after a backup was restored."""
 
-    number: int
-    world_time: float
-    object: Point
-    hand: Point
-    delta: tuple[float, ...]
-    support: float
-    neighbours: tuple[Neighbour, ...]
-    moved: tuple[float, ...]
-    picture: str
+    modules: int
+    samples: int
 
 
-class SubtaskResult(_Model):
-    """One subtask of a run; `started` and `ended` are world times in s; `aligned`: within the tolerance at its end."""
-
-    name: str
-    state: Literal["running", "succeeded", "failed"]
-    started: float
-    ended: float | None
-    aligned: bool
-    action: str | None
-    looks: tuple[Look, ...]
-
-
-class RunResult(_Model):
-    """The subtasks that a run has begun."""
-
-    subtasks: tuple[SubtaskResult, ...]
-
-
-class JobError(_Model):
-    """Why a job failed: a stable code and a sentence."""
-
-    code: str
-    message: str
-
-
-class Job(_Model):
-    """A run of a task."""
+class Token(Model):
+    """A token as it is known after it was made; `expires`: None when it does not."""
 
     id: str
-    task: str
-    object: str
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
-    error: JobError | None
-    result: RunResult
-
-    @property
-    def ended(self) -> bool:
-        """Nothing more will happen in it."""
-        return self.state in ("succeeded", "failed", "cancelled")
-
-    @property
-    def succeeded(self) -> bool:
-        """Every subtask was done."""
-        return self.state == "succeeded"
-
-    @property
-    def failure(self) -> str:
-        """A sentence about why the job did not succeed."""
-        reason = self.error.message if self.error else "it has not ended"
-        where = next((f" in subtask '{s.name}'" for s in self.result.subtasks if s.state == "failed"), "")
-        return f"Task '{self.task}' {self.state}{where}: {reason}"
-
-    def raise_for_failure(self) -> Job:
-        """The job itself when it succeeded; raises `JobFailed` when not."""
-        if not self.succeeded:
-            raise JobFailed(self)
-        return self
+    name: str
+    role: Role
+    created: datetime
+    expires: datetime | None
 
 
-class JobEvent(_Model):
-    """Something that happened in a job: `kind` is state, subtask, look, not_seen or stop; `number` counts from 1."""
+class NewToken(Token):
+    """A token just made; `token` is the secret itself, which nobody can read again."""
 
-    number: int
-    kind: str
-    data: dict[str, Any]
+    token: str
 
 
-class Robot(_Model):
-    """What the robot's own sensors say: s, rad, rad/s, m; `still_since` is None while it moves."""
+class Tokens(Model):
+    """The tokens, oldest first."""
 
-    world_time: float
-    joints: tuple[float, ...]
-    velocities: tuple[float, ...]
-    gripper_opening: float
-    moving: bool
-    stopped: bool
-    still_since: float | None
-    lease_holder: str
+    tokens: tuple[Token, ...]

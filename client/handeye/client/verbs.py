@@ -1,25 +1,20 @@
-"""The `handeye run`, `handeye stop` and `handeye reset` commands."""
+"""The client's commands: all of them are registered here, and `run`, `stop` and `reset` are here."""
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FrameType
 from typing import Annotated
 
 import typer
 
-from handeye.client.client import Client
-from handeye.client.connection import find
-from handeye.client.models import Job, JobEvent
-
-Url = Annotated[str, typer.Option(envvar="HANDEYE_URL", help="The coordinator; default: the one of `handeye up`.")]
-Token = Annotated[str, typer.Option(envvar="HANDEYE_TOKEN", help="Its token; default: the one of `handeye up`.")]
+from handeye.client import verbs_admin, verbs_job, verbs_learning, verbs_module, verbs_teaching
+from handeye.client.models import JobEvent, RunJob
+from handeye.client.verbs_common import Token, Url, connect, signals_unwind
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the verbs `run`, `stop` and `reset` to the `handeye` command."""
+    """Adds the client's verbs to the `handeye` command."""
+    for part in (verbs_module, verbs_learning, verbs_teaching, verbs_job, verbs_admin):
+        part.register(app)
     app.command()(run)
     app.command()(stop)
     app.command()(reset)
@@ -34,8 +29,7 @@ def run(
     token: Token = "",
 ) -> None:
     """Do a trained task; the exit code is 0 only when it succeeded. Ctrl-C and TERM cancel it and stop the arm."""
-    found = find(url, token)
-    with Client(found.url, found.token) as client, signals_unwind():
+    with connect(url, token) as client, signals_unwind():
         job = client.run_task(task, object_name, one_look=one_look, timeout=timeout, on_event=_show)
     typer.echo(_summary(job.raise_for_failure()))
 
@@ -46,38 +40,16 @@ def stop(
     token: Token = "",
 ) -> None:
     """Brake the arm and latch the software stop, until `handeye reset`. Not safety-rated."""
-    found = find(url, token)
-    with Client(found.url, found.token) as client:
+    with connect(url, token) as client:
         client.stop_robot(reason)
     typer.echo("The robot is stopped; `handeye reset` lets it move again.")
 
 
 def reset(url: Url = "", token: Token = "") -> None:
     """Clear the software stop; the next move is slow."""
-    found = find(url, token)
-    with Client(found.url, found.token) as client:
+    with connect(url, token) as client:
         client.reset_robot()
     typer.echo("The robot may move again.")
-
-
-@contextmanager
-def signals_unwind() -> Iterator[None]:
-    """Inside, TERM and HUP end the process like Ctrl-C, by an exception: what is open is closed, a job is cancelled.
-
-    For the main thread. The exit code is 128 + signal, as shells have it.
-    """
-
-    def unwind(signum: int, _frame: FrameType | None) -> None:
-        raise SystemExit(128 + signum)
-
-    # What is ignored from the start stays ignored: `nohup` means it so.
-    heeded = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, unwind) for number in heeded}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _show(event: JobEvent) -> None:
@@ -92,7 +64,10 @@ def _show(event: JobEvent) -> None:
         )
 
 
-def _summary(job: Job) -> str:
+def _summary(job: RunJob) -> str:
     looks = sum(len(subtask.looks) for subtask in job.result.subtasks)
     names = ", ".join(subtask.name for subtask in job.result.subtasks)
-    return f"Task '{job.task}' with '{job.object}' succeeded: {names} ({looks} looks)."
+    return (
+        f"Task '{job.subject}' with '{job.object}' succeeded: {names} ({looks} looks; why each motion was made: "
+        f"`handeye job show {job.id}`)."
+    )

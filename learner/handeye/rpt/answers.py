@@ -31,6 +31,19 @@ class Source(NamedTuple):
     calibration: Calibration
 
 
+class NeighbourOf(NamedTuple):
+    """A sample that an answer to one query was made from."""
+
+    id: int
+    """Its number."""
+    group: int
+    """The group (demonstration) that it belongs to; -1 - number for a sample without one."""
+    distance: float
+    """From the query, in units of the scales."""
+    weight: float
+    """Its share in the answer."""
+
+
 class Answer:
     """An answer to one query, or to several at once.
 
@@ -106,6 +119,19 @@ class Answer:
         scaled = np.atleast_2d(self._rows[..., -len(self._source.components) :])
         expected = self._source.calibration.expected_errors(scaled)
         return expected if self._rows.ndim == 2 else expected[0]
+
+    def nearest(self, most: int | None = None) -> list[NeighbourOf]:
+        """The nearest `most` neighbours of an answer to one query, all when None, as plain numbers."""
+        source = self._source
+        k = source.neighbours
+        first = source.outputs * (1 + len(source.components)) + kernel.EXTRAS
+        shown = k if most is None else min(most, k)
+        row = self._rows[first : first + 3 * k].tolist()
+        local = [int(number) for number in row[:shown] if number >= 0]
+        groups = source.groups.take(local).tolist()
+        ids = local if source.numbers is None else source.numbers.take(local).tolist()
+        distances, weights = row[k : k + len(ids)], row[2 * k : 2 * k + len(ids)]
+        return list(map(NeighbourOf, ids, groups, distances, weights))
 
     def _extra(self, column: int) -> Floats:
         extra: Floats = self._rows[..., self._source.outputs * (1 + len(self._source.components)) + column]

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.rpt.kernels import answer as kernel
-from handeye.rpt.kernels.calibrate import leave_out, nearby_means
+from handeye.rpt.kernels import layout
+from handeye.rpt.kernels.calibrate import expect, leave_out, nearby_means
 from handeye.rpt.tree import Tree, build
 
 Floats = NDArray[np.float64]
@@ -61,12 +62,15 @@ class Calibration:
 
     def expected_errors(self, queries: Floats) -> Floats:
         """(q, p) for scaled queries (q, d)."""
-        if self.anchors is None:
-            return np.full((len(queries), self.residuals.shape[1]), np.inf)
-        ids = self.anchors.exact(queries, min(NEARBY, self.anchors.samples)).ids
-        nearby = self.residuals[ids].mean(axis=1) + self.floor
-        finite = np.where(np.isfinite(self.quantile), self.quantile, 0.0)
-        return np.where(np.isfinite(self.quantile), finite * nearby, np.inf)
+        expected = np.full((len(queries), self.residuals.shape[1]), np.inf)
+        if self.anchors is not None:
+            arenas, nearby = self.anchors.arenas, min(NEARBY, self.anchors.samples)
+            limit = arenas.integers[layout.SAMPLES]
+            known = (self.residuals, self.floor, self.quantile)
+            # A row of an answer has its query among other things.
+            rows = np.ascontiguousarray(queries)
+            expect(rows, arenas.integers, arenas.floats, limit, nearby, *known, expected)
+        return expected
 
 
 class LeftOut(NamedTuple):

@@ -24,6 +24,8 @@ call blocks no other.
 the first runs; the answer, an error too, is remembered for five minutes (the newest 256). Such a call is cancelled when
 all its callers have left.
 
+**Request ids.** What `request_id` is among structlog's context variables where the call is made, it is in the handler.
+
 **Streams** are best effort, newest wins: a slow subscriber misses messages and delays nobody.
 
 **Liveliness.** A served service declares a token: `bus.is_alive("Robot")`. It reports; it does not guard.

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 from weakref import WeakSet
 
 import structlog
@@ -95,14 +95,11 @@ class Subscription(Closing, Generic[Res]):
             self._arrived.notify()
 
     def _run(self) -> None:
-        channel = self._subscriber.handler
-        with suppress(zenoh.ZError):  # the channel ends when the subscriber is undeclared or the session closed
-            while True:
-                data = channel.recv().payload.to_bytes()
-                try:
-                    self._callback(self._stream.message.FromString(data))
-                except Exception:
-                    log.exception("stream callback failed", stream=str(self._stream))
+        for sample in self._subscriber.handler:  # until the subscriber is undeclared or the session closed
+            try:
+                self._callback(self._stream.message.FromString(sample.payload.to_bytes()))
+            except Exception:
+                log.exception("stream callback failed", stream=str(self._stream))
 
 
 class Bus(Closing):
@@ -114,7 +111,7 @@ class Bus(Closing):
         self._publishers: dict[str, zenoh.Publisher] = {}
 
     @classmethod
-    def open(cls, settings: BusSettings, name: str, timeout: float = 3.0) -> Bus:
+    def open(cls, settings: BusSettings, name: str, timeout: float = 3.0) -> Self:
         """Joins the bus as `name`, trying for `timeout` s.
 
         Raises Unavailable when nobody listens there, Unauthorised when the listener does not admit us or when the
@@ -126,7 +123,7 @@ class Bus(Closing):
             raise refusal(settings, timeout) from None
 
     @classmethod
-    def host(cls, settings: BusSettings, credentials: Mapping[str, str], name: str = "host") -> Bus:
+    def host(cls, settings: BusSettings, credentials: Mapping[str, str], name: str = "host") -> Self:
         """Listens at `settings.endpoint` itself and admits who is in `credentials` (user: password).
 
         Without credentials everybody is admitted, which is refused (Unauthorised) off loopback. Raises Unavailable when
@@ -158,11 +155,13 @@ class Bus(Closing):
 
         `on_progress` gets the progress messages in order; `on_tick` is called at once and then every 20 ms. Both run in
         this thread; an exception that either raises cancels the call on the server and leaves here. Equal
-        `idempotency_id`s (make them with uuid4) are executed once. Raises the errors of `handeye.rpc.errors` only.
+        `idempotency_id`s (make them with uuid4) are executed once. `request_id` of structlog's context variables goes
+        along into the handler's log lines. Raises the errors of `handeye.rpc.errors` only.
         """
         call_id, deadline = uuid.uuid4().hex, time.monotonic() + timeout
         envelope = CallRequest(call_id=call_id, idempotency_id=idempotency_id, caller=self._name, time_left=timeout)
         envelope.payload = request.SerializeToString()
+        envelope.request_id = structlog.contextvars.get_contextvars().get("request_id", "")
         where, data = key(self._cell, method.service, method.name), envelope.SerializeToString()
         # Other consolidations drop replies of one key, which is the progress. Our deadline ends before Zenoh's.
         options = {"consolidation": zenoh.ConsolidationMode.NONE, "congestion_control": BLOCK, "payload": data}

@@ -72,8 +72,6 @@ class Cancelled(RpcError):
 class Internal(RpcError):
     """The handler raised something unforeseen: a bug on the server's side."""
 
-    code = rpc_pb2.ERROR_CODE_INTERNAL
-
 
 _BY_CODE: dict[int, type[RpcError]] = {cls.code: cls for cls in RpcError.__subclasses__()}
 

@@ -13,12 +13,12 @@ import structlog
 
 
 def configure_logging() -> None:
-    """structlog to stderr: for people on a terminal, one JSON object a line elsewhere."""
+    """structlog to stderr, context variables too: for people on a terminal, one JSON object a line elsewhere."""
     # Plain tracebacks: the pretty ones show local variables, passwords too.
     console = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
-    steps = structlog.processors
+    steps, context = structlog.processors, structlog.contextvars.merge_contextvars
     render = [console] if sys.stderr.isatty() else [steps.format_exc_info, steps.JSONRenderer()]
-    processors: list[Any] = [steps.add_log_level, steps.TimeStamper(fmt="iso"), *render]
+    processors: list[Any] = [context, steps.add_log_level, steps.TimeStamper(fmt="iso"), *render]
     structlog.configure(processors=processors, logger_factory=structlog.PrintLoggerFactory(sys.stderr))
 
 

@@ -34,6 +34,7 @@ class Call:
     def __init__(self, method: Method[Any, Any], request: CallRequest) -> None:
         self.method, self.caller = method, request.caller
         self._deadline, self._ended = time.monotonic() + request.time_left, 0.0
+        self._logged = {"request_id": request.request_id} if request.request_id else {}
         self._waiting: dict[str, zenoh.Query] = {}
         self._halt: RpcError | None = None
         self._answer: CallReply | None = None
@@ -135,16 +136,17 @@ class Server(Closing):
         self._remembered[name] = call
 
     def _run(self, job: Job, call: Call) -> None:
-        try:
-            call.check()
-            response = job(call)
-            if not isinstance(response, call.method.response):
-                raise TypeError(f"the handler of {call.method} returned {type(response).__name__}")  # noqa: TRY301
-            answer = CallReply(result=response.SerializeToString())
-        except BaseException as error:  # whatever the handler raises, the caller gets an answer
-            if not isinstance(error, RpcError):
-                log.exception("handler failed", method=str(call.method), caller=call.caller)
-            answer = CallReply(error=to_status(error))
+        with structlog.contextvars.bound_contextvars(**call._logged):
+            try:
+                call.check()
+                response = job(call)
+                if not isinstance(response, call.method.response):
+                    raise TypeError(f"the handler of {call.method} returned {type(response).__name__}")  # noqa: TRY301
+                answer = CallReply(result=response.SerializeToString())
+            except BaseException as error:  # whatever the handler raises, the caller gets an answer
+                if not isinstance(error, RpcError):
+                    log.exception("handler failed", method=str(call.method), caller=call.caller)
+                answer = CallReply(error=to_status(error))
         with self._lock:
             call._answer, call._ended = answer, time.monotonic()
         call._send(answer)

@@ -1,6 +1,7 @@
 """Where the bus is, who may join it, and how Zenoh is told."""
 
 import json
+import os
 import re
 import socket
 from collections.abc import Mapping
@@ -15,11 +16,14 @@ from handeye.rpc.errors import InvalidArgument, RpcError, Unauthorised, Unavaila
 LEASE = 1.0
 """Seconds of silence after which a peer is dead: calls to it end, its liveliness tokens go. Each announces its own."""
 
+SECRETS = [folder for folder in os.environ.get("HANDEYE_SECRETS_DIR", "").split(":") if folder]
+"""Folders of this process whose files are settings too: handeye_bus_password stands for HANDEYE_BUS_PASSWORD."""
+
 
 class BusSettings(BaseSettings):
     """The acting bus, from HANDEYE_BUS_ENDPOINT, _USER, _PASSWORD and _CELL."""
 
-    model_config = SettingsConfigDict(env_prefix="HANDEYE_BUS_", extra="forbid")
+    model_config = SettingsConfigDict(env_prefix="HANDEYE_BUS_", extra="forbid", secrets_dir=SECRETS)
     endpoint: str = "tcp/127.0.0.1:7447"
     user: str = ""
     password: SecretStr = SecretStr("")
@@ -31,6 +35,14 @@ class LabBusSettings(BusSettings):
 
     model_config = SettingsConfigDict(env_prefix="HANDEYE_LAB_BUS_", extra="forbid")
     endpoint: str = "tcp/127.0.0.1:7448"
+
+
+class RouterSettings(BaseSettings):
+    """From HANDEYE_ROUTER_LISTEN (an endpoint) and HANDEYE_ROUTER_CREDENTIALS (JSON, {"user": "password"})."""
+
+    model_config = SettingsConfigDict(env_prefix="HANDEYE_ROUTER_", extra="forbid", secrets_dir=SECRETS)
+    listen: str = "tcp/127.0.0.1:7447"
+    credentials: dict[str, SecretStr] = {}
 
 
 def address(endpoint: str) -> tuple[str, int]:

@@ -4,21 +4,11 @@ from typing import Annotated
 
 import structlog
 import typer
-from pydantic import SecretStr
-from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from handeye.rpc.bus import Bus
 from handeye.rpc.errors import RpcError
 from handeye.rpc.process import configure_logging, until_stopped
-from handeye.rpc.settings import BusSettings
-
-
-class RouterSettings(BaseSettings):
-    """From HANDEYE_ROUTER_LISTEN (an endpoint) and HANDEYE_ROUTER_CREDENTIALS (JSON, {"user": "password"})."""
-
-    model_config = SettingsConfigDict(env_prefix="HANDEYE_ROUTER_", extra="forbid")
-    listen: str = "tcp/127.0.0.1:7447"
-    credentials: dict[str, SecretStr] = {}
+from handeye.rpc.settings import BusSettings, RouterSettings
 
 
 def router(watch_parent: Annotated[bool, typer.Option("--watch-parent", help="End when stdin ends.")] = False) -> None:

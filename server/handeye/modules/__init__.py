@@ -4,13 +4,15 @@
 is and make one; `ijs` declares the module from image to joints; `recognition` finds object and hand in two pictures.
 """
 
+from handeye.modules.answers import Answer, Answers, Neighbour, Support
 from handeye.modules.declaration import ApproximatorSettings, Component, ModuleDeclaration, Output
-from handeye.modules.module import Answer, Module, Neighbour, Support, warm_up
+from handeye.modules.module import Module, warm_up
 from handeye.modules.spaces import ImagePair, ImagePoint, ImageVector, JointAngles, JointDifference
 from handeye.rpt import NotTaught
 
 __all__ = [
     "Answer",
+    "Answers",
     "ApproximatorSettings",
     "Component",
     "ImagePair",

@@ -11,7 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from handeye.rpt import Settings
 
-Name = Annotated[str, Field(min_length=1)]
+MOST_COMPONENTS = 256
+"""Inputs or outputs of a module: its samples' slopes are inputs times outputs, and an answer has them all."""
+
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+Unit = Annotated[str, Field(max_length=40)]
 
 
 class Declared(BaseModel):
@@ -24,9 +28,9 @@ class Component(Declared):
     """One input component."""
 
     name: Name
-    unit: str
+    unit: Unit
     """For people: "px", "rad", "m", or "" for a category."""
-    scale: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+    scale: float = Field(default=1.0, ge=1e-100, le=1e100)
     """Differences of this size, in the unit, count alike across components: inputs are divided by it before any
     distance is taken. Without meaning for a category."""
     categorical: bool = False
@@ -37,23 +41,23 @@ class Output(Declared):
     """One output component."""
 
     name: Name
-    unit: str
+    unit: Unit
 
 
 class ApproximatorSettings(Declared):
     """How an answer is made from the samples near the query (`handeye.rpt.approximate`)."""
 
     method: Literal["local_quadratic", "local_linear", "kndb", "kndb2", "nearest"] = "local_linear"
-    neighbours: int | None = Field(default=30, ge=1)
+    neighbours: int | None = Field(default=30, ge=1, le=1_000_000)
     """How many samples are retrieved; all of the query's category when None or when it has fewer."""
-    alpha: float = Field(default=3.0, ge=1, allow_inf_nan=False)
+    alpha: float = Field(default=3.0, ge=1, le=100)
     """How fast the weights of KNDB and KNDB2 fall (3.3)."""
-    smoothing: float = Field(default=0.1, gt=0, allow_inf_nan=False)
+    smoothing: float = Field(default=0.1, ge=1e-9, le=1e6)
     """Of the distance weights of the local fits, as a share of the farthest neighbour's distance."""
-    ridge: float = Field(default=1e-4, ge=1e-12, allow_inf_nan=False)
+    ridge: float = Field(default=1e-4, ge=1e-12, le=1e9)
     """How strongly slopes are held small, as a share of the inputs' variance; for the local fits and KNDB2's
     gradients."""
-    curvature_ridge: float = Field(default=1e-2, ge=1e-12, allow_inf_nan=False)
+    curvature_ridge: float = Field(default=1e-2, ge=1e-12, le=1e9)
     """The same for the second-order terms of `local_quadratic`."""
     search: Literal["exact", "beam"] = "exact"
     """`beam` is the thesis's search; it may miss the nearest samples (Fig 3.36)."""
@@ -79,8 +83,8 @@ class ModuleDeclaration(Declared):
     """A module: R^N to R^M, learned from examples."""
 
     name: Name
-    inputs: tuple[Component, ...]
-    outputs: tuple[Output, ...] = Field(min_length=1)
+    inputs: tuple[Component, ...] = Field(min_length=1, max_length=MOST_COMPONENTS)
+    outputs: tuple[Output, ...] = Field(min_length=1, max_length=MOST_COMPONENTS)
     approximator: ApproximatorSettings = ApproximatorSettings()
 
     @model_validator(mode="after")

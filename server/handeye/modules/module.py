@@ -7,174 +7,243 @@ cross subtasks.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from handeye import rpt
+from handeye.modules.answers import (
+    Answer,
+    Answers,
+    CategoryStatistics,
+    Floats,
+    Integers,
+    Neighbour,
+    Support,
+    TaughtSamples,
+)
 from handeye.modules.declaration import ApproximatorSettings, Component, ModuleDeclaration, Output
 from handeye.rpt import Calibration, Model, NotTaught
-
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Neighbour:
-    """A taught sample that an answer was made from."""
-
-    sample_id: int
-    """Row of the sample in the arrays given to `Module.train`."""
-    demonstration: str
-    distance: float
-    """From the query, after each component was divided by its scale."""
-    weight: float
-    """Share in the answer, by distance; the weights of an answer add up to 1."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Answer:
-    """What a module says: the output (in the outputs' units), its neighbours (nearest first), and its support."""
-
-    output: Floats
-    neighbours: tuple[Neighbour, ...]
-    support: float
-    """In [0, 1]: how well inside the taught region the query lies; see `Support`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Support:
-    """How far from the taught samples a query may lie, learned by leaving out whole demonstrations.
-
-    A task needs to tell just outside the taught region from far outside, which the learner's own p-value cannot
-    (docs/decisions/009). For each sample of a category its distance to the nearest sample of the *other*
-    demonstrations is taken: how far one had to reach for a place that was not taught. A query's support is 1 up to the
-    median of those distances, falls linearly to 1/2 at the largest, and beyond it is half the largest divided by the
-    query's distance: 1/4 at twice, 1/6 at three times the largest. With a single demonstration the distances are those
-    among its own samples.
-    """
-
-    median: float
-    largest: float
-
-    def of(self, distance: float) -> float:
-        """The support of a query whose nearest sample lies at `distance`."""
-        if distance <= self.median:
-            return 1.0
-        if distance < self.largest:
-            return 1.0 - 0.5 * (distance - self.median) / (self.largest - self.median)
-        return 0.5 * self.largest / distance
-
-
-@dataclass(frozen=True, slots=True)
-class CategoryStatistics:
-    """What was learned for one combination of categories."""
-
-    category: tuple[float, ...]
-    samples: int
-    demonstrations: int
-    tree: rpt.Statistics
-    support: Support
+from handeye.rpt.kernels.answer import LARGEST
 
 
 class Module:
     """A declared map from inputs to outputs, learned from examples.
 
-    `answer` may be called from several threads, also while `train` runs: it then speaks for the samples before.
+    Samples are numbered in the order in which they come. `answer` and `answers` may be called from several threads,
+    also while samples come and go: they speak for the samples known when they began.
     """
 
     def __init__(self, declaration: ModuleDeclaration) -> None:
         self.declaration = declaration
-        self._learned = _Learned(self._new_model(), ())
+        self._learned = _Learned(self._new_model(), [], 0)
+        self._learning = threading.Lock()
+
+    @classmethod
+    def restored(cls, declaration: ModuleDeclaration, samples: TaughtSamples, size: int) -> Module:
+        """A module that knows these samples by their numbers; the next one gets number `size`.
+
+        Raises `ValueError` as `learn` does, and for numbers that do not ascend below `size`.
+        """
+        module = cls(declaration)
+        rows, values = samples.inputs, samples.outputs
+        if len(rows):
+            module.checked(rows, values, samples.demonstrations)
+        learned = _Learned(module._new_model(), [], size)
+        plain, arrays = learned.model.to_state()
+        categorical = np.isin(np.arange(rows.shape[1]), learned.model.categorical)
+        numbers = np.asarray(samples.numbers, np.int64)
+        arrays |= {
+            "categories": rows[:, categorical],
+            # Not divided: to the last bit the points that the model makes of samples when it learns them.
+            "points": rows[:, ~categorical] * (1 / learned.model.scales[~categorical]),
+            "outputs": values,
+            "groups": _groups(learned.names, samples.demonstrations, numbers),
+            "numbers": numbers,
+            "maps": np.full((len(rows), values.shape[1], int((~categorical).sum())), np.nan),
+        }
+        module._learned = learned._replace(model=Model.from_state(plain | {"size": size}, arrays))
+        return module
+
+    @property
+    def samples(self) -> int:
+        """How many samples can answer."""
+        return self._learned.model.samples
 
     def train(
-        self, inputs: ArrayLike, outputs: ArrayLike, demonstrations: Sequence[str]
+        self, inputs: ArrayLike, outputs: ArrayLike, demonstrations: Sequence[str | None]
     ) -> tuple[CategoryStatistics, ...]:
         """Learns the samples given, and only those; returns what was learned for each combination of categories.
+
+        Raises as `learn` does.
+        """
+        rows, values = self.checked(inputs, outputs, demonstrations)
+        with self._learning:
+            self._learned = self._taught(_Learned(self._new_model(), [], 0), rows, values, demonstrations)
+        return self.statistics()
+
+    def learn(self, inputs: ArrayLike, outputs: ArrayLike, demonstrations: Sequence[str | None]) -> Integers:
+        """Adds samples; the next query knows them. Returns their numbers (n,).
 
         Args:
             inputs: (n, N) in the declared order and units; a category is a number that must recur exactly.
             outputs: (n, M) in the declared order and units.
-            demonstrations: the demonstration each sample came from, n names.
+            demonstrations: the demonstration each sample came from, n names; None for none.
 
         Raises:
             ValueError: shapes do not fit the declaration or each other; a value is not finite; there is no sample.
         """
+        rows, values = self.checked(inputs, outputs, demonstrations)
+        with self._learning:
+            first = self._learned.size
+            self._learned = self._taught(self._learned, rows, values, demonstrations)
+        return np.arange(first, first + len(rows))
+
+    def forget(self, numbers: ArrayLike) -> None:
+        """Takes samples out by their numbers; the next query does not know them. `ValueError` for an unknown one."""
+        with self._learning:
+            self._learned.model.forget(numbers)
+
+    def statistics(self) -> tuple[CategoryStatistics, ...]:
+        """What was learned, by category; empty before training."""
+        model = self._learned.model
+        found = []
+        for category, each in model.statistics().items():
+            with suppress(NotTaught):  # its samples were taken out just now
+                support = _support(model.calibration(category))
+                found.append(CategoryStatistics(category, each.samples, each.groups, each.tree, support))
+        return tuple(found)
+
+    def tree(self, category: tuple[float, ...] = ()) -> rpt.Tree:
+        """The tree of one category, over inputs divided by their scales. `NotTaught` when there is none."""
+        return self._learned.model.tree(category)
+
+    def answer(self, query: ArrayLike, neighbours: int | None = None) -> Answer:
+        """What the samples near the query say.
+
+        Args:
+            query: (N,) in the declared order and units.
+            neighbours: so many of the samples that the answer is made from are told, the nearest; None: all of them.
+
+        Raises:
+            NotTaught: there are no samples of the query's category.
+            ValueError: the query does not fit the declaration or is not finite.
+        """
+        row = np.array(query, dtype=np.float64)
+        if row.ndim != 1:
+            raise ValueError(f"a query is one vector, not of shape {row.shape}")
+        rows = self._rows(row[np.newaxis], len(self.declaration.inputs), "a query")
+        model, names, _ = self._learned
+        try:
+            said = model.answer(rows[0])
+        except NotTaught as nothing:
+            raise NotTaught(self._nothing_for(rows, model)) from nothing
+        near = said.nearest(None if neighbours is None else max(neighbours, 1))
+        support = self._support_of(model, tuple(row[list(model.categorical)].tolist())).of_one(near[0].distance)
+        told = tuple(
+            Neighbour(number, None if group >= _OWN else names[group], distance, weight)
+            for number, group, distance, weight in near[:neighbours]
+        )
+        return Answer(said.output, told, support, said.expected_error)
+
+    def answers(self, queries: ArrayLike) -> Answers:
+        """What the samples near each of several queries (q, N) say. Raises as `answer` does."""
+        rows = self._rows(queries, len(self.declaration.inputs), "a query")
+        model, names, _ = self._learned
+        try:
+            said = model.answers(rows)
+        except NotTaught as nothing:
+            raise NotTaught(self._nothing_for(rows, model)) from nothing
+        groups, distances = said.groups, said.distances
+        return Answers(
+            outputs=said.output,
+            support=self._supports(model, rows, distances[:, 0]),
+            expected_error=said.expected_error,
+            samples=said.ids,
+            demonstrations=np.where(groups >= _OWN, -1, groups),
+            distances=distances,
+            weights=said.weights,
+            names=tuple(names),
+        )
+
+    def _supports(self, model: Model, rows: Floats, nearest: Floats) -> Floats:
+        """(q,) the support of queries (q, N) whose nearest samples lie at `nearest` (q,)."""
+        if not model.categorical:
+            return self._support_of(model, ()).of(nearest)
+        found = np.empty(len(rows))
+        categories, which = np.unique(rows[:, list(model.categorical)], axis=0, return_inverse=True)
+        for number, category in enumerate(map(tuple, categories.tolist())):
+            mine = which.reshape(-1) == number
+            found[mine] = self._support_of(model, category).of(nearest[mine])
+        return found
+
+    def _support_of(self, model: Model, category: tuple[float, ...]) -> Support:
+        """Kept until the category is calibrated anew: the median of all scores takes longer than an answer."""
+        calibration = model.calibration(category)
+        kept = self._supports_kept.get(category)
+        if kept is None or kept[0] is not calibration:
+            kept = self._supports_kept[category] = (calibration, _support(calibration))
+        return kept[1]
+
+    def _taught(
+        self, learned: _Learned, rows: Floats, values: Floats, demonstrations: Sequence[str | None]
+    ) -> _Learned:
+        numbers = np.arange(learned.size, learned.size + len(rows))
+        learned.model.learn(rows, values, _groups(learned.names, demonstrations, numbers))
+        return learned._replace(size=learned.size + len(rows))
+
+    def _new_model(self) -> Model:
+        inputs, settings = self.declaration.inputs, self.declaration.approximator
+        categorical = [i for i, component in enumerate(inputs) if component.categorical]
+        scales = [component.scale for component in inputs]
+        self._supports_kept: dict[tuple[float, ...], tuple[Calibration, Support]] = {}
+        return Model(
+            len(inputs), len(self.declaration.outputs), settings.for_model(), scales=scales, categorical=categorical
+        )
+
+    def _nothing_for(self, queries: Floats, model: Model) -> str:
+        taught = model.statistics()
+        if not taught:
+            return f"module '{self.declaration.name}' has not been taught anything yet"
+        names = ", ".join(c.name for c in self.declaration.inputs if c.categorical)
+        asked = map(tuple, queries[:, list(model.categorical)].tolist())
+        category = next((each for each in asked if each not in taught), ())
+        known = ", ".join(str(each) for each in taught)
+        return f"module '{self.declaration.name}' was taught nothing for ({names}) = {category}; taught: {known}"
+
+    def checked(
+        self, inputs: ArrayLike, outputs: ArrayLike, demonstrations: Sequence[str | None]
+    ) -> tuple[Floats, Floats]:
+        """Inputs (n, N) and outputs (n, M) as matrices that can be learned; raises as `learn` does."""
         rows = self._matrix(inputs, len(self.declaration.inputs), "inputs")
+        self._matrix(rows / self._learned.model.scales, rows.shape[1], "inputs divided by their scales")
         values = self._matrix(outputs, len(self.declaration.outputs), "outputs")
         if not len(rows) == len(values) == len(demonstrations):
             raise ValueError(
                 f"module '{self.declaration.name}' got {len(rows)} inputs, {len(values)} outputs and "
                 f"{len(demonstrations)} demonstrations; each sample needs one of each"
             )
-        names = tuple(sorted(set(demonstrations)))
-        model = self._new_model()
-        model.learn(rows, values, [names.index(name) for name in demonstrations])
-        self._learned = _Learned(model, names)
-        return self.statistics()
-
-    def statistics(self) -> tuple[CategoryStatistics, ...]:
-        """What was learned, by category; empty before training."""
-        model = self._learned.model
-        return tuple(
-            CategoryStatistics(category, each.samples, each.groups, each.tree, _support(model.calibration(category)))
-            for category, each in model.statistics().items()
-        )
-
-    def answer(self, query: ArrayLike) -> Answer:
-        """What the samples near the query say.
-
-        Args:
-            query: (N,) in the declared order and units.
-
-        Raises:
-            NotTaught: there are no samples of the query's category.
-            ValueError: the query does not fit the declaration or is not finite.
-        """
-        row = self._matrix(np.atleast_2d(np.asarray(query, dtype=np.float64)), len(self.declaration.inputs), "a query")
-        if len(row) != 1:
-            raise ValueError(f"a query is one vector, not {len(row)}")
-        model, names = self._learned
-        try:
-            said = model.answer(row[0])
-        except NotTaught as nothing:
-            raise NotTaught(self._nothing_for(row[0], model)) from nothing
-        found = zip(said.ids, said.groups, said.distances, said.weights, strict=True)
-        neighbours = tuple(
-            Neighbour(int(number), names[group], float(distance), float(weight))
-            for number, group, distance, weight in found
-            if number >= 0
-        )
-        category = tuple(row[0, list(model.categorical)].tolist())
-        support = _support(model.calibration(category)).of(neighbours[0].distance)
-        return Answer(said.output, neighbours, support)
-
-    def _new_model(self) -> Model:
-        inputs, settings = self.declaration.inputs, self.declaration.approximator
-        categorical = [i for i, component in enumerate(inputs) if component.categorical]
-        scales = [component.scale for component in inputs]
-        return Model(
-            len(inputs), len(self.declaration.outputs), settings.for_model(), scales=scales, categorical=categorical
-        )
-
-    def _nothing_for(self, query: Floats, model: Model) -> str:
-        taught = model.statistics()
-        if not taught:
-            return f"module '{self.declaration.name}' has not been taught anything yet"
-        names = ", ".join(c.name for c in self.declaration.inputs if c.categorical)
-        category = tuple(query[list(model.categorical)].tolist())
-        known = ", ".join(str(each) for each in taught)
-        return f"module '{self.declaration.name}' was taught nothing for ({names}) = {category}; taught: {known}"
+        return rows, values
 
     def _matrix(self, values: ArrayLike, components: int, what: str) -> Floats:
+        """Values as rows of so many numbers that can be learned."""
+        matrix = self._rows(values, components, what)
+        if not np.all(np.abs(matrix) <= LARGEST):  # also false for nan
+            raise ValueError(
+                f"module '{self.declaration.name}': {what} must be finite numbers of magnitude up to {LARGEST:g}"
+            )
+        return matrix
+
+    def _rows(self, values: ArrayLike, components: int, what: str) -> Floats:
+        """Values as rows of so many numbers; what the numbers are, the learner looks at."""
         matrix = np.array(values, dtype=np.float64)
-        name = self.declaration.name
         if matrix.ndim != 2 or matrix.shape[1] != components or len(matrix) == 0:
+            name = self.declaration.name
             raise ValueError(f"module '{name}': {what} must have {components} components, not shape {matrix.shape}")
-        if not np.all(np.isfinite(matrix)):
-            raise ValueError(f"module '{name}': {what} must be finite numbers")
         return matrix
 
 
@@ -182,8 +251,25 @@ class _Learned(NamedTuple):
     """Replaced as a whole by training."""
 
     model: Model
-    demonstrations: tuple[str, ...]
-    """The names of the model's groups."""
+    names: list[str]
+    """Of the model's groups; only ever grows, before the model knows the group."""
+    size: int
+    """The number of the next sample."""
+
+
+_OWN = 1 << 40
+"""A sample that came from no demonstration is a group of its own: this and its number."""
+
+
+def _groups(names: list[str], demonstrations: Sequence[str | None], numbers: Integers) -> Integers:
+    """(n,) the groups of samples; demonstrations that are new are added to `names`."""
+    known = {name: index for index, name in enumerate(names)}
+    groups = [
+        number + _OWN if shown is None else known.setdefault(shown, len(known))
+        for number, shown in zip(numbers.tolist(), demonstrations, strict=True)
+    ]
+    names.extend(list(known)[len(names) :])
+    return np.array(groups, np.int64)
 
 
 def _support(calibration: Calibration) -> Support:

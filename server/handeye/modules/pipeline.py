@@ -26,8 +26,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from handeye.modules.answers import Answer
 from handeye.modules.ijs import input_vector
-from handeye.modules.module import Answer, Module
+from handeye.modules.module import Module
 from handeye.modules.spaces import ImagePair, ImageVector, JointAngles, JointDifference
 
 Image = NDArray[np.uint8]

@@ -37,6 +37,10 @@ class Recogniser:
         """Makes an object known under `name`; an earlier one of that name is replaced."""
         self._models[name] = model
 
+    def forget(self, name: str) -> None:
+        """Makes an object unknown; does nothing when it is."""
+        self._models.pop(name, None)
+
     def see(self, left: Image, right: Image, name: str) -> ImagePair:
         """Where object `name` and the hand are in a stereo pair, pictures of shape (rows, columns, 3), red green blue.
 

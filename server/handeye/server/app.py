@@ -8,13 +8,56 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from handeye.server import problem
-from handeye.server.auth import BearerToken
+from handeye.server.access import Access
+from handeye.server.access.roles import describe
 from handeye.server.coordinator import Coordinator
-from handeye.server.routes import Lanes, cameras, demonstrations, health, jobs, objects, robot, tasks
+from handeye.server.routes import (
+    Lanes,
+    cameras,
+    control,
+    demonstrations,
+    health,
+    jobs,
+    modules,
+    objects,
+    robot,
+    samples,
+    snapshots,
+    store,
+    tasks,
+    tokens,
+)
+from handeye.server.schemas import QueryRequest, SamplesRequest
+
+# What is asked most stands first: routes are tried in this order.
+_PARTS = (
+    samples,
+    health,
+    modules,
+    snapshots,
+    objects,
+    demonstrations,
+    tasks,
+    jobs,
+    robot,
+    control,
+    cameras,
+    tokens,
+    store,
+)
 
 
-def create_app(coordinator: Coordinator, token: str) -> FastAPI:
-    """The application; `token` is asked of every caller but for the health routes."""
+def create_app(coordinator: Coordinator, access: Access) -> FastAPI:
+    """The application; `access` decides who may ask what of it."""
+    app = routes_only()
+    app.state.coordinator = coordinator
+    app.state.lanes = Lanes()
+    access.install(app)
+    return app
+
+
+def routes_only() -> FastAPI:
+    """The application without anything to work on: enough for its OpenAPI document."""
     app = FastAPI(
         title="handeye coordinator",
         version="1",
@@ -23,11 +66,8 @@ def create_app(coordinator: Coordinator, token: str) -> FastAPI:
         docs_url=None,  # the pages behind these two load scripts from elsewhere
         redoc_url=None,
     )
-    app.state.coordinator = coordinator
-    app.state.lanes = Lanes()
-    app.add_middleware(BearerToken, token=token)
     problem.install(app)
-    for part in (health, objects, demonstrations, tasks, jobs, robot, cameras):
+    for part in _PARTS:
         app.include_router(part.router)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's documented way to extend the schema
     return app
@@ -39,8 +79,14 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
         schema = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=app.routes)
         components = schema.setdefault("components", {})
         models = problem.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-        components.setdefault("schemas", {}).update(models.pop("$defs", {}), Problem=models)
+        schemas = components.setdefault("schemas", {})
+        schemas.update(models.pop("$defs", {}), Problem=models)
+        # The routes that take these read the body themselves: it may also come as arrays.
+        for model in (SamplesRequest, QueryRequest):
+            known = model.model_json_schema(ref_template="#/components/schemas/{model}")
+            schemas.update(known.pop("$defs", {}), **{model.__name__: known})
         components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
         schema["security"] = [{"token": []}]
+        describe(schema)
         app.openapi_schema = schema
     return app.openapi_schema

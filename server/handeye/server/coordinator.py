@@ -3,50 +3,74 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 
 from handeye.camera_bridge.driver import CameraDriver, StereoPair
+from handeye.modules.declaration import ApproximatorSettings
 from handeye.modules.recognition import NotSeen
 from handeye.robot_bridge.driver import Pace, RobotState
 from handeye.rpc.errors import Busy
 from handeye.server.acting import ActingRobot, LeasedRobot
-from handeye.server.demonstrations import Demonstrations, Observation
+from handeye.server.control import Control
+from handeye.server.demonstration import Observation
+from handeye.server.demonstrations import Demonstrations
 from handeye.server.executor import Run
-from handeye.server.eyes import Eyes, Sight
+from handeye.server.eyes import Eyes, Sight, Sighting
 from handeye.server.jobs import Job, Jobs
+from handeye.server.livemodules import LiveModules
 from handeye.server.objects import Kind, Objects, TaughtObject
-from handeye.server.pictures import LookPictures
+from handeye.server.results import ModuleStatistics
 from handeye.server.settings import ServerSettings
-from handeye.server.training import Tasks, TrainRequest, TrainStatistics
+from handeye.server.statistics import module_statistics
+from handeye.server.store import Store
+from handeye.server.store import jobs as stored_jobs
+from handeye.server.training import Tasks, TrainRequest
 
 
 class Coordinator:
-    """Objects, demonstrations, trained tasks and jobs, all in memory: none of it survives a restart.
+    """Modules, objects, demonstrations, tasks and jobs of a store, and the robot and the cameras that they are about.
 
     `missing` lists what cannot be reached, in sentences. Close it: jobs under way are cancelled and the arm is stopped.
     """
 
     def __init__(
         self,
+        store: Store,
         robot: LeasedRobot,
+        control: Control,
         cameras: CameraDriver,
         sight: Sight,
         settings: ServerSettings,
         missing: Callable[[], list[str]],
+        on_job_end: Callable[[Job], None] = lambda _job: None,
     ) -> None:
+        self.store = store
         self.robot = robot
+        self.control = control
         self.cameras = cameras
         self.settings = settings
         self.missing = missing
         self.eyes = Eyes(cameras, sight, settings.grab_timeout)
-        self.objects = Objects(sight.learn)
-        self.demonstrations = Demonstrations()
-        self.tasks = Tasks()
-        self.jobs = Jobs(settings.jobs_kept)
-        self.pictures = LookPictures(settings.pictures_kept)
+        self.modules = LiveModules(store)
+        self.objects = Objects(store, sight.learn, sight.forget)
+        self.demonstrations = Demonstrations(store)
+        self.tasks = Tasks(store, self.modules)
+        self.jobs = Jobs(store, settings.jobs_kept, on_job_end)
+        self.closing = threading.Event()
+        """Set when the coordinator ends: what goes on and on ends then."""
+
+    def load(self, progress: Callable[[str], None] = lambda _sentence: None) -> None:
+        """Rebuilds from the store what answers: modules and objects. `progress` is told what is under way."""
+        self.modules.load(lambda share: progress(f"modules are being built from the store ({share:.0%})"))
+        for taught in self.objects.all():
+            progress(f"object '{taught.name}' is being learned from its pictures")
+            self.objects.restore(taught.name)
 
     def close(self) -> None:
-        """Ends the jobs; the robot and the cameras stay their owner's to close."""
+        """Gives control back and ends the jobs; robot, cameras and store stay their owner's to close."""
+        self.closing.set()
+        self.control.close()
         self.jobs.close()
 
     def grab(self, not_older_than: float) -> StereoPair:
@@ -55,10 +79,10 @@ class Coordinator:
 
     def show_object(self, name: str, kind: Kind, not_older_than: float) -> TaughtObject:
         """Grabs a pair of the scene without or with the object, and learns the object from all pairs so far."""
-        return self.objects.add(name, kind, self.grab(not_older_than))
+        return self.objects.add(name, kind, self.grab(not_older_than), lambda write: write())
 
-    def observe(self, demonstration_id: str, subtask: str, *, goal: bool, key: bool) -> Observation:
-        """Adds what is seen and read now to a demonstration.
+    def look(self, demonstration_id: str, subtask: str, *, goal: bool) -> tuple[Sighting, RobotState]:
+        """What is seen and read now, for an observation of a demonstration.
 
         `Busy` while the arm moves, `NotSeen` when object or hand is not found in both pictures, `Conflict` when the
         demonstration cannot take the observation, `DeadlineExceeded` without a picture of the arm at rest.
@@ -70,19 +94,69 @@ class Coordinator:
             raise sighting.found
         if self._resting_state().still_since != state.still_since:
             raise Busy("the arm moved while it was looked at; observe again once it stands still")
+        return sighting, state
+
+    def observe(self, demonstration_id: str, subtask: str, *, goal: bool, key: bool) -> Observation:
+        """Adds what is seen and read now to a demonstration; raises as `look` does."""
+        return self.record(demonstration_id, subtask, self.look(demonstration_id, subtask, goal=goal), goal, key)
+
+    def record(
+        self, demonstration_id: str, subtask: str, seen: tuple[Sighting, RobotState], goal: bool, key: bool
+    ) -> Observation:
+        """Adds what `look` returned to a demonstration."""
+        sighting, state = seen
+        assert not isinstance(sighting.found, NotSeen)  # noqa: S101 # `look` raises it
         return self.demonstrations.observe(
             demonstration_id, subtask, sighting.found, state.joints, sighting.world_time, goal=goal, key=key
         )
 
-    def train(self, task: str, request: TrainRequest) -> TrainStatistics:
-        """Builds the task's module from its finished demonstrations."""
-        return self.tasks.train(task, self.demonstrations.finished(task), request)
+    def untrain(self, demonstration_id: str) -> None:
+        """Deletes a demonstration, and its samples from every module; the next query does not know them."""
+        with self.store.write():
+            self.demonstrations.delete(demonstration_id)
+            self.modules.forget_demonstration(demonstration_id)
+
+    def train_task(self, task: str, request: TrainRequest) -> Job:
+        """Starts a job that builds the task's module from its finished demonstrations; its result says what it made."""
+
+        def work(job: Job) -> None:
+            with self.store.write():  # no demonstration is deleted between
+                made = self.tasks.train(task, self.demonstrations.trainable(task), request)
+            job.finish(made)
+            job.report(1.0)
+
+        return self.jobs.start("train", task, None, work, acts=False)
+
+    def train_module(self, module: str, approximator: ApproximatorSettings | None) -> Job:
+        """Starts a job that builds a module anew from the store, with other settings if they are given."""
+        self.modules.stored(module)
+
+        def work(job: Job) -> None:
+            def report(share: float) -> None:
+                job.check()
+                job.report(share)
+
+            built = self.modules.retrain(module, approximator, report)
+            job.finish(module_statistics(module, built))
+            job.report(1.0)
+
+        return self.jobs.start("train", module, None, work, acts=False)
+
+    def statistics(self, module: str) -> ModuleStatistics:
+        """What a module learned, by category."""
+        return module_statistics(module, self.modules.live(module))
 
     def run(self, task: str, object_name: str, *, one_look: bool) -> Job:
-        """Starts a job that does a trained task; `JobBusy` while another acts."""
+        """Starts a job that does a trained task; `Busy` while another job or a person controls the robot."""
         skill = self.tasks.get(task)
+        self.tasks.module(skill)
         self.objects.require(object_name)
+        self.control.require_free()
         acting = self.settings.acting
+
+        def keep_picture(job: Job, picture: bytes) -> int:
+            with self.store.write() as connection:
+                return stored_jobs.add_picture(connection, job.id, picture, self.settings.pictures_kept)
 
         def work(job: Job) -> None:
             robot = ActingRobot(self.robot, lambda _done: job.check(), Pace(acting.pace, acting.pace))
@@ -94,11 +168,16 @@ class Coordinator:
                     self.eyes,
                     acting,
                     job,
-                    lambda picture: self.pictures.add(job.id, picture),
+                    lambda picture: keep_picture(job, picture),
                     one_look=one_look,
                 ).execute()
 
-        return self.jobs.start(task, object_name, work)
+        return self.jobs.start("run", task, object_name, work, acts=True)
+
+    def require_idle(self) -> None:
+        """`Busy` while a job is under way or somebody has control of the robot."""
+        self.jobs.require_none()
+        self.control.require_free()
 
     def _resting_state(self) -> RobotState:
         state = self.robot.state()

@@ -12,13 +12,13 @@ from typing import Protocol
 import numpy as np
 import structlog
 
-from handeye.modules.module import Answer
+from handeye.modules.answers import Answer
 from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ImagePair, JointDifference
 from handeye.robot_bridge.driver import Joints, RobotState
 from handeye.rpc.errors import OutOfLimits, RpcError
 from handeye.server.acting import ActingRobot, ActingSettings
-from handeye.server.demonstrations import Subtask
+from handeye.server.demonstration import Subtask
 from handeye.server.eyes import Eyes, Sighting
 from handeye.server.jobs import Job
 from handeye.server.pictures import side_by_side
@@ -167,7 +167,7 @@ class Run:
     def _refusal(self, subtask: str, turn: JointDifference, answer: Answer) -> Exception | None:
         """Why the robot must not be moved by this answer; None when it may be."""
         if answer.support < self._settings.least_support:
-            nearest = min(answer.neighbours, key=lambda neighbour: neighbour.distance)
+            nearest = answer.neighbours[0]
             return OutsideTaughtRegion(
                 f"Subtask '{subtask}' is outside the taught region (support {answer.support:.2f}, at least "
                 f"{self._settings.least_support:.2f} is asked for). The nearest demonstration is "
@@ -203,7 +203,7 @@ class Run:
             delta=tuple(float(value) for value in turn.angles),
             support=answer.support,
             neighbours=tuple(
-                NeighbourRecord(demonstration=n.demonstration, distance=n.distance, weight=n.weight)
+                NeighbourRecord(sample=n.sample_id, demonstration=n.demonstration, distance=n.distance, weight=n.weight)
                 for n in answer.neighbours[:_NEIGHBOURS_RECORDED]
             ),
             moved=moved,

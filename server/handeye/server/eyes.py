@@ -20,6 +20,10 @@ class Sight(Sees, Protocol):
         """Learns what object `name` looks like; `Invalid` says what is wrong with the pictures."""
         ...
 
+    def forget(self, name: str) -> None:
+        """Does not find object `name` any more."""
+        ...
+
 
 class Vision:
     """The recogniser of `handeye.modules.recognition` (RSS), taught by pictures."""
@@ -33,6 +37,10 @@ class Vision:
             self._recogniser.register(name, ObjectModel.learn(backgrounds, examples))
         except ValueError as error:
             raise Invalid(f"Object '{name}' cannot be learned: {error}") from error
+
+    def forget(self, name: str) -> None:
+        """Does not find object `name` any more."""
+        self._recogniser.forget(name)
 
     def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
         """Object and hand in the two pictures; `NotSeen` says what is missing in which picture."""

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-
 import cv2
 import numpy as np
 
@@ -26,6 +23,14 @@ def jpeg(image: Image) -> bytes:
     return encoded.tobytes()
 
 
+def png(image: Image) -> bytes:
+    """`image` (rows, columns, 3), red green blue, as a PNG file: to the last bit what the camera saw."""
+    done, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    if not done:
+        raise ValueError(f"a picture of shape {image.shape} cannot be encoded as PNG")
+    return encoded.tobytes()
+
+
 def side_by_side(left: Image, right: Image, found: ImagePair | NotSeen) -> bytes:
     """Left and right picture next to each other as a JPEG; crosses mark the object (red) and the hand (green)."""
     left, right = left.copy(), right.copy()
@@ -43,27 +48,3 @@ def right_column(point: ImagePoint) -> float:
 
 def _mark(image: Image, row: float, column: float, colour: tuple[int, int, int]) -> None:
     cv2.drawMarker(image, (round(column), round(row)), colour, cv2.MARKER_CROSS, _MARK_SIZE, 2)
-
-
-class LookPictures:
-    """The pictures of the looks of the newest few jobs; older ones are forgotten. Safe among threads."""
-
-    def __init__(self, jobs_kept: int) -> None:
-        self._jobs_kept = jobs_kept
-        self._pictures: OrderedDict[str, list[bytes]] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def add(self, job_id: str, picture: bytes) -> int:
-        """Keeps the next look's picture; returns its number, from 0."""
-        with self._lock:
-            pictures = self._pictures.setdefault(job_id, [])
-            pictures.append(picture)
-            while len(self._pictures) > self._jobs_kept:
-                self._pictures.popitem(last=False)
-            return len(pictures) - 1
-
-    def get(self, job_id: str, number: int) -> bytes | None:
-        """The picture of look `number` (from 0) of a job; None when there is none or it is no longer kept."""
-        with self._lock:
-            pictures = self._pictures.get(job_id, [])
-            return pictures[number] if 0 <= number < len(pictures) else None

@@ -1,11 +1,14 @@
-"""What a run leaves behind: every look, answer, neighbour and move it made (the JSON of a job)."""
+"""What jobs leave behind (their JSON): of a run every look, answer, neighbour and move, of a training what it made."""
 
 from __future__ import annotations
 
+from datetime import datetime
 from enum import StrEnum
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
+
+from handeye.modules.declaration import ApproximatorSettings
 
 
 class _Record(BaseModel):
@@ -15,7 +18,9 @@ class _Record(BaseModel):
 class NeighbourRecord(_Record):
     """A taught sample that an answer came from."""
 
-    demonstration: str
+    sample: int
+    """Its number in the module."""
+    demonstration: str | None
     distance: float
     """From the query, in the module's scaled input units."""
     weight: float
@@ -67,6 +72,82 @@ class RunResult(_Record):
     subtasks: tuple[SubtaskRecord, ...]
 
 
+class SubtaskStatistics(_Record):
+    """A trained subtask: what the gripper does at its end, its pairs, and the tree that holds them."""
+
+    name: str
+    action: str | None
+    pairs: int
+    nodes: int
+    levels: int
+
+
+class TrainStatistics(_Record):
+    """What a task was trained from, and the module that answers for it."""
+
+    task: str
+    module: str
+    demonstrations: tuple[str, ...]
+    pairs: int
+    subtasks: tuple[SubtaskStatistics, ...]
+    approximator: ApproximatorSettings
+
+
+class CategoryInfo(_Record):
+    """What a module learned for one combination of categories."""
+
+    category: tuple[float, ...]
+    """Values of the categorical components; empty where there are none."""
+    samples: int
+    demonstrations: int
+    nodes: int
+    levels: int
+    median_reach: float
+    """Half of the samples lie closer than this to a sample of another demonstration, in scaled units."""
+    largest_reach: float
+    """All of them do: support is 1/2 at this distance from the nearest sample."""
+
+
+class ModuleStatistics(_Record):
+    """What a module learned."""
+
+    module: str
+    samples: int
+    categories: tuple[CategoryInfo, ...]
+
+
+class RobotInfo(_Record):
+    """What the robot's own sensors say."""
+
+    world_time: float
+    """In s."""
+    joints: tuple[float, ...]
+    """In rad, base to wrist."""
+    velocities: tuple[float, ...]
+    """In rad/s."""
+    gripper_opening: float
+    """Between the pads, in m."""
+    moving: bool
+    stopped: bool
+    """The software stop is latched; moves are refused until a reset."""
+    still_since: float | None
+    """World time since when arm and gripper stand still, in s; null while they move."""
+    lease_holder: str
+    """Who controls the robot; empty when nobody does."""
+
+
+class HeadInfo(_Record):
+    """Where the head points."""
+
+    pan: float
+    """In rad; positive to its left."""
+    tilt: float
+    """In rad; positive upwards."""
+    moving: bool
+    world_time: float
+    """In s."""
+
+
 class JobState(StrEnum):
     """Where a job stands."""
 
@@ -75,6 +156,8 @@ class JobState(StrEnum):
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     CANCELLED = "cancelled"
+    INTERRUPTED = "interrupted"
+    """The coordinator ended before the job did."""
 
 
 class JobError(_Record):
@@ -88,8 +171,17 @@ class JobView(_Record):
     """A job as the REST interface shows it."""
 
     id: str
-    task: str
-    object: str
+    kind: Literal["run", "train", "motion"]
+    subject: str
+    """The task that is run, the task or module that is trained, or the motion."""
+    object: str | None
+    """What a task is done with."""
     state: JobState
+    progress: float | None
+    """Share done, 0..1; null when it is not known."""
     error: JobError | None
-    result: RunResult
+    result: RunResult | TrainStatistics | ModuleStatistics | RobotInfo | HeadInfo | None
+    """So far; of a run `subtasks`, of a training statistics, of a motion the state that was reached."""
+    created: datetime
+    started: datetime | None
+    ended: datetime | None

@@ -9,17 +9,21 @@ from contextlib import closing, contextmanager
 
 import uvicorn
 from fastapi import FastAPI
-from pydantic import SecretStr
 
-from handeye.camera_bridge.remote import RemoteCameras
-from handeye.modules.module import warm_up as compile_kernels
+from handeye.camera_bridge.remote import RemoteCameras, RemoteHead
+from handeye.modules.module import warm_up
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc import Bus, BusSettings
+from handeye.server.access import Access, Tokens, show_first_token
+from handeye.server.access.protocol import BoundedProtocol
 from handeye.server.app import create_app
-from handeye.server.auth import new_token
+from handeye.server.control import Control
 from handeye.server.coordinator import Coordinator
 from handeye.server.eyes import Vision
-from handeye.server.settings import ServerSettings
+from handeye.server.jobs import Job
+from handeye.server.metrics import MeteredBus, Metrics
+from handeye.server.settings import ServerSettings, StoreSettings
+from handeye.server.store import Store
 from handeye.server.warmup import WarmUp
 
 _END_LIMIT = 2  # s that open requests get at the end
@@ -35,27 +39,54 @@ def serve(
     settings: ServerSettings,
     bus_settings: BusSettings,
     stop: threading.Event,
-    announce: Callable[[str, SecretStr | None], None],
+    tell: Callable[[str], None],
 ) -> None:
     """Serves until `stop` is set; then cancels the jobs, which stops the arm, and ends open requests.
 
-    `announce` is called once it listens, with its address, and with the token if it had to make one. Raises
-    `CannotListen`, and the errors of `Bus.open`.
+    `tell` is given sentences for people: the address once it listens, and where the first token is. Raises
+    `CannotListen`, `StoreError`, and the errors of `Bus.open`.
     """
-    token = settings.token or SecretStr(new_token())
+    metrics = Metrics()
+    settings.data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
     with (
         closing(_listen(settings)) as listener,
-        Bus.open(bus_settings, name="coordinator", timeout=settings.connect_timeout) as bus,
-        closing(WarmUp(compile_kernels)) as warm_up,
+        Store.open(StoreSettings().url(settings.data_dir)) as store,
+        MeteredBus.joined(bus_settings, "coordinator", settings.connect_timeout, metrics) as bus,
     ):
+        tokens = Tokens(store, settings.token)
+        tokens.ensure_admin(lambda secret: show_first_token(secret, settings.data_dir, tell))
         coordinator = Coordinator(
-            RemoteRobot(bus), RemoteCameras(bus), Vision(), settings, lambda: _missing(bus, warm_up)
+            store,
+            RemoteRobot(bus),
+            Control(lambda holder: RemoteRobot(bus, holder), RemoteHead(bus)),
+            RemoteCameras(bus),
+            Vision(),
+            settings,
+            lambda: _missing(bus, starting),
+            lambda job: count_job(metrics, job),
         )
-        app = create_app(coordinator, token.get_secret_value())
+        app = create_app(coordinator, Access(tokens, settings.limits, metrics))
         # At the end the jobs end first: an open event stream ends with its job.
-        with http_server(app, listener, stop), closing(coordinator):
-            announce(_url(settings.host, listener), None if settings.token else token)
+        with (
+            closing(WarmUp(_compile_kernels, coordinator.load)) as starting,
+            http_server(app, listener, stop),
+            closing(coordinator),
+        ):
+            tell(f"The coordinator listens at {_url(settings.host, listener)}")
             stop.wait()
+
+
+def _compile_kernels(tell: Callable[[str], None]) -> None:
+    tell("the learner's kernels are being compiled")
+    warm_up()
+
+
+def count_job(metrics: Metrics, job: Job) -> None:
+    """Counts a job that has ended."""
+    state = job.view().state
+    metrics.jobs.labels(job.kind, state).inc()
+    if job.kind == "motion":
+        metrics.motions.labels(job.subject, state).inc()
 
 
 def _listen(settings: ServerSettings) -> socket.socket:
@@ -78,7 +109,13 @@ def _url(host: str, listener: socket.socket) -> str:
 def http_server(app: FastAPI, listener: socket.socket, stop: threading.Event) -> Iterator[None]:
     """Serves `app` in a thread; sets `stop` if the server ends by itself."""
     config = uvicorn.Config(
-        app, log_config=None, access_log=False, lifespan="off", timeout_graceful_shutdown=_END_LIMIT
+        app,
+        http=BoundedProtocol,
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        lifespan="off",
+        timeout_graceful_shutdown=_END_LIMIT,
     )
     server = uvicorn.Server(config)
 
@@ -97,11 +134,11 @@ def http_server(app: FastAPI, listener: socket.socket, stop: threading.Event) ->
         thread.join(_JOIN_LIMIT)
 
 
-def _missing(bus: Bus, warm_up: WarmUp) -> list[str]:
+def _missing(bus: Bus, starting: WarmUp) -> list[str]:
     """What the coordinator lacks, in sentences."""
     missing = [
         f"nobody serves {service} on the bus (do `handeye router` and `handeye {verb}` run?)"
         for service, verb in _SERVICES.items()
         if not bus.is_alive(service)
     ]
-    return missing + ([warm_up.missing] if warm_up.missing else [])
+    return missing + ([starting.missing] if starting.missing else [])

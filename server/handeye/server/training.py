@@ -1,26 +1,32 @@
-"""Training: pairs from demonstrations, module IJS from pairs, trained tasks from both.
-
-Trained tasks are kept in memory: they do not survive a restart of the coordinator.
-"""
+"""Training: pairs from demonstrations, module IJS from pairs, trained tasks from both."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
+from sqlalchemy import Connection
 
 from handeye.modules import ijs, pipeline
+from handeye.modules.answers import Answer, CategoryStatistics
 from handeye.modules.declaration import ApproximatorSettings, ModuleDeclaration
-from handeye.modules.module import Answer, CategoryStatistics, Module
+from handeye.modules.module import Module
 from handeye.modules.spaces import ImagePair, JointAngles, JointDifference
 from handeye.robot_bridge.driver import Joints
-from handeye.server.demonstrations import Demonstration, Subtask
-from handeye.server.problem import Conflict, NotFound
+from handeye.rpt import NotTaught
+from handeye.server.answering import NothingTaught
+from handeye.server.demonstration import Demonstration, Subtask
+from handeye.server.livemodules import LiveModules
+from handeye.server.problem import Conflict, NotFound, sentence
+from handeye.server.results import SubtaskStatistics, TrainStatistics
+from handeye.server.store import Store
+from handeye.server.store import modules as stored_modules
+from handeye.server.store import tasks as stored_tasks
+from handeye.server.store.rows import loads
 
 Method = Literal["local_quadratic", "local_linear", "kndb", "kndb2", "nearest"]
 
@@ -34,26 +40,6 @@ class TrainRequest(BaseModel):
     """`key`: only the thesis's bare pairs, one from the beginning of each subtask."""
     approximator: Method | ApproximatorSettings | None = None
     """The method by name, or with its settings; null: module IJS's own."""
-
-
-class SubtaskStatistics(BaseModel):
-    """A trained subtask: what the gripper does at its end, its pairs, and the tree that holds them."""
-
-    name: str
-    action: str | None
-    pairs: int
-    nodes: int
-    levels: int
-
-
-class TrainStatistics(BaseModel):
-    """What a task was trained from."""
-
-    task: str
-    demonstrations: tuple[str, ...]
-    pairs: int
-    subtasks: tuple[SubtaskStatistics, ...]
-    approximator: ApproximatorSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,56 +93,108 @@ def pairs(demonstrations: Sequence[Demonstration], order: Sequence[Subtask], *, 
     return Pairs(np.array(inputs), np.array(outputs), tuple(sources))
 
 
+@dataclass(frozen=True, slots=True)
 class TrainedTask:
-    """A task that was taught: its subtasks in order, and module IJS, which answers in each of them."""
+    """A task that was taught: its subtasks in order, and the module IJS that answers in each of them."""
 
-    def __init__(self, subtasks: tuple[Subtask, ...], declaration: ModuleDeclaration, taught: Pairs) -> None:
-        self.subtasks = subtasks
-        self._numbers = {subtask.name: number for number, subtask in enumerate(subtasks)}
-        self._module = Module(declaration)
-        self.statistics = self._module.train(taught.inputs, taught.outputs, taught.demonstrations)
+    name: str
+    module_name: str
+    subtasks: tuple[Subtask, ...]
+    demonstrations: tuple[str, ...]
+    """The ids of those that it was trained from and still answers by."""
+    tasks: Tasks = field(repr=False, compare=False)
 
     def answer(self, subtask: str, found: ImagePair, joints: Joints) -> tuple[JointDifference, Answer]:
-        """ASM and IJS: how far each joint is to turn towards the goal of `subtask`, and where that comes from."""
+        """ASM and IJS: how far each joint is to turn towards the goal of `subtask`, and where that comes from.
+
+        The module answers as it is now. `NotFound` when the task was deleted meanwhile, `Conflict` when it was trained
+        anew with other subtasks, `NothingTaught` when what it was taught in this subtask was taken out.
+        """
+        if self.tasks.get(self.name).subtasks != self.subtasks:
+            raise Conflict(f"Task '{self.name}' was trained anew with other subtasks while it ran; run it again.")
+        module = self.tasks.module(self)
+        number = [each.name for each in self.subtasks].index(subtask)
         action = pipeline.specify_action(found)
-        return pipeline.image_to_joints(self._module, self._numbers[subtask], action, JointAngles(joints))
+        try:
+            return pipeline.image_to_joints(module, number, action, JointAngles(joints))
+        except NotTaught as error:
+            raise NothingTaught(sentence(error)) from error
 
 
 class Tasks:
-    """The trained tasks by name. Safe among threads."""
+    """The trained tasks by name: which they are is in the store, how they answer in modules. Safe among threads."""
 
-    def __init__(self) -> None:
-        self._tasks: dict[str, TrainedTask] = {}
-        self._lock = threading.Lock()
+    def __init__(self, store: Store, modules: LiveModules) -> None:
+        self._store = store
+        self._modules = modules
 
-    def train(self, name: str, demonstrations: Sequence[Demonstration], request: TrainRequest) -> TrainStatistics:
+    def train(self, name: str, shown: Sequence[Demonstration], request: TrainRequest) -> TrainStatistics:
         """Trains task `name` from finished demonstrations; an earlier training of it is replaced.
 
         `NotFound` without demonstrations; `NotTeachable` when they do not make a task.
         """
-        if not demonstrations:
+        if not shown:
             raise NotFound(f"There is no finished demonstration of task '{name}'; show it by POST /v1/demonstrations.")
-        subtasks = common_subtasks(demonstrations)
-        declaration = declare(request.approximator)
-        task = TrainedTask(subtasks, declaration, pairs(demonstrations, subtasks, key_only=request.pairs == "key"))
-        with self._lock:
-            self._tasks[name] = task
+        subtasks = common_subtasks(shown)
+        taught = pairs(shown, subtasks, key_only=request.pairs == "key")
+        module_name = f"IJS.{name}"
+        declaration = declare(request.approximator).model_copy(update={"name": module_name})
+        content = {
+            "subtasks": [{"name": subtask.name, "action": subtask.action} for subtask in subtasks],
+            "demonstrations": [demonstration.id for demonstration in shown],
+        }
+        with self._store.write() as connection:
+            if name not in stored_tasks.of_module(connection, module_name):
+                self._require_unused(module_name, name)
+            module = self._modules.replace(declaration, taught.inputs, taught.outputs, taught.demonstrations)
+            stored_tasks.write(connection, name, module_name, content)
         return TrainStatistics(
             task=name,
-            demonstrations=tuple(demonstration.id for demonstration in demonstrations),
-            pairs=sum(learned.samples for learned in task.statistics),
-            subtasks=tuple(map(_subtask_statistics, subtasks, task.statistics)),
+            module=module_name,
+            demonstrations=tuple(demonstration.id for demonstration in shown),
+            pairs=module.samples,
+            subtasks=tuple(map(_subtask_statistics, subtasks, module.statistics())),
             approximator=declaration.approximator,
         )
 
     def get(self, name: str) -> TrainedTask:
         """The trained task of that name; `NotFound` when there is none."""
-        with self._lock:
-            task = self._tasks.get(name)
-            known = ", ".join(map(repr, self._tasks)) or "none yet"
-        if task is None:
-            raise NotFound(f"Task '{name}' is not trained (trained: {known}); train it by POST /v1/tasks/{name}/train.")
-        return task
+        with self._store.read() as connection:
+            row = stored_tasks.read(connection, name)
+            if row is not None:
+                return self._trained(connection, row)
+            known = ", ".join(repr(each["name"]) for each in stored_tasks.all_tasks(connection)) or "none yet"
+        raise NotFound(f"Task '{name}' is not trained (trained: {known}); train it by POST /v1/tasks/{name}/train.")
+
+    def all(self) -> tuple[TrainedTask, ...]:
+        """By name."""
+        with self._store.read() as connection:
+            return tuple(self._trained(connection, dict(row)) for row in stored_tasks.all_tasks(connection))
+
+    def module(self, task: TrainedTask) -> Module:
+        """The module that answers for a task; `NotReady` while it is being built."""
+        return self._modules.live(task.module_name)
+
+    def delete(self, name: str) -> None:
+        """Forgets a trained task and its module; its demonstrations stay. `NotFound` when there is none."""
+        with self._store.write() as connection:
+            task = self.get(name)
+            stored_tasks.drop(connection, name)
+            self._modules.delete(task.module_name)
+
+    def _trained(self, connection: Connection, row: Mapping[str, Any]) -> TrainedTask:
+        content = loads(row["content"])
+        subtasks = tuple(Subtask(each["name"], each["action"]) for each in content["subtasks"])
+        left = stored_modules.demonstrations_of(connection, row["module"])
+        shown = tuple(name for name in content["demonstrations"] if name in left)
+        return TrainedTask(row["name"], row["module"], subtasks, shown, self)
+
+    def _require_unused(self, module: str, task: str) -> None:
+        if any(each.name == module for each in self._modules.all()):
+            raise Conflict(
+                f"Task '{task}' answers by a module '{module}', and there is one of that name that belongs to no task; "
+                f"delete it by DELETE /v1/modules/{module}."
+            )
 
 
 def declare(approximator: Method | ApproximatorSettings | None) -> ModuleDeclaration:

@@ -7,17 +7,20 @@ from collections.abc import Callable
 
 import structlog
 
-_LIMIT = 5.0
+_LIMIT = 10.0  # s
 
 log = structlog.get_logger(__name__)
 
+Step = Callable[[Callable[[str], None]], None]
+"""Something to do before the coordinator is ready; it is given what tells people what is under way."""
+
 
 class WarmUp:
-    """Compiles the learner's kernels in a thread from now on, so that no first query waits for the compiler."""
+    """Does the steps in a thread from now on, one after the other; `missing` says what is not done yet."""
 
-    def __init__(self, compile_kernels: Callable[[], None]) -> None:
-        self._compile = compile_kernels
-        self._missing: str | None = "the learner's kernels are being compiled"
+    def __init__(self, *steps: Step) -> None:
+        self._steps = steps
+        self._missing: str | None = "the coordinator has just started"
         self._thread = threading.Thread(target=self._run, name="warm-up", daemon=True)
         self._thread.start()
 
@@ -27,14 +30,18 @@ class WarmUp:
         return self._missing
 
     def close(self) -> None:
-        """Waits for the compiler: cut off in its work, it can crash the interpreter's exit. 5 s at most."""
+        """Waits for the step under way: a compiler that is cut off can crash the interpreter's exit. 10 s at most."""
         self._thread.join(_LIMIT)
 
     def _run(self) -> None:
-        try:
-            self._compile()
-        except Exception as error:  # shown by /readyz: the coordinator answers, but is never ready
-            log.exception("the learner's kernels do not compile")
-            self._missing = f"the learner's kernels do not compile: {error}"
-        else:
-            self._missing = None
+        for step in self._steps:
+            try:
+                step(self._tell)
+            except Exception as error:  # shown by /readyz: the coordinator answers, but is never ready
+                log.exception("the coordinator cannot become ready")
+                self._missing = f"{self._missing}, which failed: {error}"
+                return
+        self._missing = None
+
+    def _tell(self, sentence: str) -> None:
+        self._missing = sentence

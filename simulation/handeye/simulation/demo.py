@@ -39,9 +39,6 @@ SAMPLING = 0.02
 PICTURED_TRIALS = 2
 """So many random trials are shown with pictures."""
 
-PLAIN = {"pairs": "key", "approximator": "kndb"}
-"""Training options of the thesis's own variant: bare key pairs, interpolated by KNDB."""
-
 
 @dataclass(frozen=True, slots=True)
 class Judged:
@@ -78,7 +75,8 @@ class Demonstration:
                 pictures.extend(self._pictures(judged))
 
         random = self._series("random places", tests, picture)
-        self._client.train(TASK, **PLAIN)
+        # The thesis's own variant: bare key pairs, interpolated by KNDB.
+        self._client.train(TASK, pairs="key", approximator="kndb")
         plain = self._series("plain variant", tests[:PLAIN_TRIALS], one_look=True)
         return Report(
             seed=seed,
@@ -150,12 +148,12 @@ class Demonstration:
         A job that failed by itself has stopped the arm and is a failed trial. A process that died and a stop by
         somebody else are the end of the demonstration.
         """
-        job = self._client.start_run(TASK, self._spec.name, one_look=one_look)
+        started = self._client.start_run(TASK, self._spec.name, one_look=one_look)
         try:
-            job = self._client.follow(job.id, timeout=TRIAL_TIMEOUT)
+            job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT)
         except TimedOut:
-            self._client.cancel_job(job.id)
-            job = self._client.follow(job.id, timeout=TRIAL_TIMEOUT)
+            self._client.cancel_job(started.id)
+            job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT)
         if not job.succeeded:
             self._stack.check()
             if job.error is not None and job.error.code == "stopped":

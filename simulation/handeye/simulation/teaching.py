@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from rich.console import Console
 from handeye.cli import CliError, state
 from handeye.cli.progress import progress
 from handeye.client import Client
+from handeye.client.connection import find
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc import Bus, BusSettings, LabBusSettings
 from handeye.rpc.errors import Cancelled
@@ -26,7 +28,7 @@ from handeye.simulation.teacher import Teacher, looks_per_demonstration
 def teach(
     *, demonstrations: int, seed: int, task: str, object_name: str, state_dir: Path | None, watch_parent: bool
 ) -> None:
-    """Shows `demonstrations` sequences of `task` to the stack of `state_dir` (None: the default one) and trains it.
+    """Shows `demonstrations` sequences of `task` to a running stack (see `_joined`) and trains it.
 
     Ends early, with the arm braked, by `Cancelled`: on TERM, on Ctrl-C, and with `watch_parent` when stdin ends.
     """
@@ -67,14 +69,23 @@ def _catalogued(object_name: str) -> ObjectSpec:
 
 @contextmanager
 def _joined(state_dir: Path | None) -> Iterator[tuple[RemoteRobot, LabClient, Client]]:
-    """The robot, the laboratory and the coordinator of the stack of `state_dir` (None: the default one)."""
-    directory = state_dir if state_dir is not None else state.default_state_dir()
-    server = state.read_private(directory / state.SERVER_FILE)
-    buses = cast("dict[str, dict[str, str]]", state.read_private(directory / state.LAB_FILE))
+    """The robot, the laboratory and the coordinator of the stack of `state_dir`.
+
+    Without one, the settings in the environment say where they are if HANDEYE_LAB_BUS_ENDPOINT is among them, else the
+    default state directory.
+    """
+    if state_dir is None and "HANDEYE_LAB_BUS_ENDPOINT" in os.environ:
+        acting, lab, (url, token) = BusSettings(), LabBusSettings(), find()
+    else:
+        directory = state_dir if state_dir is not None else state.default_state_dir()
+        server = state.read_private(directory / state.SERVER_FILE)
+        buses = cast("dict[str, dict[str, str]]", state.read_private(directory / state.LAB_FILE))
+        acting, lab = acting_settings(buses["acting"]), lab_settings(buses["lab"])
+        url, token = str(server["url"]), str(server["token"])
     with (
-        Bus.open(acting_settings(buses["acting"]), name="teacher") as bus,
-        Bus.open(lab_settings(buses["lab"]), name="teacher") as lab_bus,
-        Client(str(server["url"]), str(server["token"])) as client,
+        Bus.open(acting, name="teacher") as bus,
+        Bus.open(lab, name="teacher") as lab_bus,
+        Client(url, token) as client,
     ):
         yield RemoteRobot(bus, holder="teacher"), LabClient(lab_bus), client
 

@@ -203,3 +203,18 @@ def nearby_means(points, labels, residuals, nearby):
         for j in range(count):
             means[i] += residuals[ids[j]] / count
     return means
+
+
+@njit(cache=True, nogil=True)
+def expect(queries, integers, floats, limit, nearby, residuals, floor, quantile, expected):
+    """Expected errors (q, p): the quantile times the mean of the `nearby` nearest residuals (m, p), floor added."""
+    p = residuals.shape[1]
+    stack, out = np.empty((integers[WAITING], 2)), np.empty(LANES)
+    ids, squares = np.empty(nearby, np.int64), np.empty(nearby)
+    for i in range(queries.shape[0]):
+        exact(queries[i], integers, floats, limit, ids, squares, stack, out)
+        for j in range(p):
+            total = 0.0
+            for sample in ids:
+                total += residuals[sample, j]
+            expected[i, j] = quantile[j] * (total / nearby + floor[j]) if math.isfinite(quantile[j]) else math.inf

@@ -24,21 +24,21 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1ahandeye/proto/v1/rpc.proto\x12\x10handeye.proto.v1\"j\n\x0b\x43\x61llRequest\x12\x0f\n\x07\x63\x61ll_id\x18\x01 \x01(\t\x12\x16\n\x0eidempotency_id\x18\x02 \x01(\t\x12\x0e\n\x06\x63\x61ller\x18\x03 \x01(\t\x12\x11\n\ttime_left\x18\x04 \x01(\x01\x12\x0f\n\x07payload\x18\x05 \x01(\x0c\"T\n\x06Status\x12)\n\x04\x63ode\x18\x01 \x01(\x0e\x32\x1b.handeye.proto.v1.ErrorCode\x12\x0f\n\x07message\x18\x02 \x01(\t\x12\x0e\n\x06\x64\x65tail\x18\x03 \x01(\t\"g\n\tCallReply\x12\x10\n\x06result\x18\x01 \x01(\x0cH\x00\x12)\n\x05\x65rror\x18\x02 \x01(\x0b\x32\x18.handeye.proto.v1.StatusH\x00\x12\x12\n\x08progress\x18\x03 \x01(\x0cH\x00\x42\t\n\x07outcome\" \n\rCancelRequest\x12\x0f\n\x07\x63\x61ll_id\x18\x01 \x01(\t*\xbd\x02\n\tErrorCode\x12\x1a\n\x16\x45RROR_CODE_UNSPECIFIED\x10\x00\x12\x1a\n\x16\x45RROR_CODE_UNAVAILABLE\x10\x01\x12 \n\x1c\x45RROR_CODE_DEADLINE_EXCEEDED\x10\x02\x12\x1f\n\x1b\x45RROR_CODE_INVALID_ARGUMENT\x10\x03\x12\x1c\n\x18\x45RROR_CODE_OUT_OF_LIMITS\x10\x04\x12\x1a\n\x16\x45RROR_CODE_UNREACHABLE\x10\x05\x12\x13\n\x0f\x45RROR_CODE_BUSY\x10\x06\x12\x16\n\x12\x45RROR_CODE_STOPPED\x10\x07\x12\x1b\n\x17\x45RROR_CODE_UNAUTHORISED\x10\x08\x12\x18\n\x14\x45RROR_CODE_CANCELLED\x10\t\x12\x17\n\x13\x45RROR_CODE_INTERNAL\x10\nb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1ahandeye/proto/v1/rpc.proto\x12\x10handeye.proto.v1\"~\n\x0b\x43\x61llRequest\x12\x0f\n\x07\x63\x61ll_id\x18\x01 \x01(\t\x12\x16\n\x0eidempotency_id\x18\x02 \x01(\t\x12\x0e\n\x06\x63\x61ller\x18\x03 \x01(\t\x12\x11\n\ttime_left\x18\x04 \x01(\x01\x12\x0f\n\x07payload\x18\x05 \x01(\x0c\x12\x12\n\nrequest_id\x18\x06 \x01(\t\"T\n\x06Status\x12)\n\x04\x63ode\x18\x01 \x01(\x0e\x32\x1b.handeye.proto.v1.ErrorCode\x12\x0f\n\x07message\x18\x02 \x01(\t\x12\x0e\n\x06\x64\x65tail\x18\x03 \x01(\t\"g\n\tCallReply\x12\x10\n\x06result\x18\x01 \x01(\x0cH\x00\x12)\n\x05\x65rror\x18\x02 \x01(\x0b\x32\x18.handeye.proto.v1.StatusH\x00\x12\x12\n\x08progress\x18\x03 \x01(\x0cH\x00\x42\t\n\x07outcome\" \n\rCancelRequest\x12\x0f\n\x07\x63\x61ll_id\x18\x01 \x01(\t*\xbd\x02\n\tErrorCode\x12\x1a\n\x16\x45RROR_CODE_UNSPECIFIED\x10\x00\x12\x1a\n\x16\x45RROR_CODE_UNAVAILABLE\x10\x01\x12 \n\x1c\x45RROR_CODE_DEADLINE_EXCEEDED\x10\x02\x12\x1f\n\x1b\x45RROR_CODE_INVALID_ARGUMENT\x10\x03\x12\x1c\n\x18\x45RROR_CODE_OUT_OF_LIMITS\x10\x04\x12\x1a\n\x16\x45RROR_CODE_UNREACHABLE\x10\x05\x12\x13\n\x0f\x45RROR_CODE_BUSY\x10\x06\x12\x16\n\x12\x45RROR_CODE_STOPPED\x10\x07\x12\x1b\n\x17\x45RROR_CODE_UNAUTHORISED\x10\x08\x12\x18\n\x14\x45RROR_CODE_CANCELLED\x10\t\x12\x17\n\x13\x45RROR_CODE_INTERNAL\x10\nb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'handeye.proto.v1.rpc_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_ERRORCODE']._serialized_start=382
-  _globals['_ERRORCODE']._serialized_end=699
+  _globals['_ERRORCODE']._serialized_start=402
+  _globals['_ERRORCODE']._serialized_end=719
   _globals['_CALLREQUEST']._serialized_start=48
-  _globals['_CALLREQUEST']._serialized_end=154
-  _globals['_STATUS']._serialized_start=156
-  _globals['_STATUS']._serialized_end=240
-  _globals['_CALLREPLY']._serialized_start=242
-  _globals['_CALLREPLY']._serialized_end=345
-  _globals['_CANCELREQUEST']._serialized_start=347
-  _globals['_CANCELREQUEST']._serialized_end=379
+  _globals['_CALLREQUEST']._serialized_end=174
+  _globals['_STATUS']._serialized_start=176
+  _globals['_STATUS']._serialized_end=260
+  _globals['_CALLREPLY']._serialized_start=262
+  _globals['_CALLREPLY']._serialized_end=365
+  _globals['_CANCELREQUEST']._serialized_start=367
+  _globals['_CANCELREQUEST']._serialized_end=399
 # @@protoc_insertion_point(module_scope)

@@ -84,6 +84,7 @@ class CallRequest(_message.Message):
     CALLER_FIELD_NUMBER: _builtins.int
     TIME_LEFT_FIELD_NUMBER: _builtins.int
     PAYLOAD_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
     call_id: _builtins.str
     """Unique per call; names the call when it is cancelled."""
     idempotency_id: _builtins.str
@@ -94,6 +95,8 @@ class CallRequest(_message.Message):
     """Time the caller still waits, in seconds. Never an absolute time: machines share no clock."""
     payload: _builtins.bytes
     """The method's request message, serialised."""
+    request_id: _builtins.str
+    """Names the HTTP request that the call is made for, in the log lines of every process it passes. Empty: none."""
     def __init__(
         self,
         *,
@@ -102,10 +105,11 @@ class CallRequest(_message.Message):
         caller: _builtins.str = ...,
         time_left: _builtins.float = ...,
         payload: _builtins.bytes = ...,
+        request_id: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["call_id", b"call_id", "caller", b"caller", "idempotency_id", b"idempotency_id", "payload", b"payload", "time_left", b"time_left"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["call_id", b"call_id", "caller", b"caller", "idempotency_id", b"idempotency_id", "payload", b"payload", "request_id", b"request_id", "time_left", b"time_left"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -1,21 +1,26 @@
-"""Demonstrations: begin, observe, mark gripper actions, finish."""
+"""Demonstrations: begin, observe, mark gripper actions, finish, judge, delete."""
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from functools import partial
 
+from anyio import to_thread
 from fastapi import APIRouter, Response
 
-from handeye.server.demonstrations import Demonstration, Observation
+from handeye.server.demonstration import Demonstration, Observation
 from handeye.server.problem import responses
-from handeye.server.routes import CameraLaneDep, CoordinatorDep
+from handeye.server.routes import CameraLaneDep, CoordinatorDep, Cursor, Limit, cursor_at, place
+from handeye.server.routes.once import OnceDep
 from handeye.server.schemas import (
     ActionRequest,
     DemonstrationInfo,
-    DemonstrationList,
+    DemonstrationPage,
     DemonstrationRequest,
     ObservationInfo,
+    ObservationList,
     ObservationRequest,
+    OutcomeRequest,
     SubtaskInfo,
 )
 
@@ -23,20 +28,25 @@ router = APIRouter(prefix="/v1/demonstrations", tags=["demonstrations"])
 
 
 @router.get("", responses=responses())
-def list_demonstrations(coordinator: CoordinatorDep) -> DemonstrationList:
+def list_demonstrations(coordinator: CoordinatorDep, limit: Limit = 100, cursor: Cursor = None) -> DemonstrationPage:
     """The demonstrations, in the order they were begun."""
-    return DemonstrationList(demonstrations=tuple(_info(d) for d in coordinator.demonstrations.all()))
+    begin = place(cursor, (int, float), str)
+    found = coordinator.demonstrations.page((float(begin[0]), begin[1]) if begin else None, limit + 1)
+    shown = found[:limit]
+    following = cursor_at([shown[-1].created, shown[-1].id]) if len(found) > limit else None
+    return DemonstrationPage(demonstrations=tuple(map(_info, shown)), next=following)
 
 
-@router.post("", status_code=201, responses=responses(404))
-def begin_demonstration(
-    request: DemonstrationRequest, coordinator: CoordinatorDep, response: Response
-) -> DemonstrationInfo:
+@router.post("", status_code=201, response_model=DemonstrationInfo, responses=responses(404))
+def begin_demonstration(request: DemonstrationRequest, coordinator: CoordinatorDep, once: OnceDep) -> Response:
     """Begins to record; the object must have been learned."""
-    coordinator.objects.require(request.object)
-    demonstration = coordinator.demonstrations.begin(request.task, request.object)
-    response.headers["Location"] = f"/v1/demonstrations/{demonstration.id}"
-    return _info(demonstration)
+
+    def work() -> tuple[DemonstrationInfo, str]:
+        coordinator.objects.require(request.object)
+        demonstration = coordinator.demonstrations.begin(request.task, request.object)
+        return _info(demonstration), f"/v1/demonstrations/{demonstration.id}"
+
+    return once.reply(work)
 
 
 @router.get("/{demonstration_id}", responses=responses(404))
@@ -45,25 +55,66 @@ def get_demonstration(demonstration_id: str, coordinator: CoordinatorDep) -> Dem
     return _info(coordinator.demonstrations.get(demonstration_id))
 
 
-@router.post("/{demonstration_id}/observations", status_code=201, responses=responses(404, 409, 503, 504))
+@router.patch("/{demonstration_id}", responses=responses(404))
+def judge_demonstration(
+    demonstration_id: str, request: OutcomeRequest, coordinator: CoordinatorDep
+) -> DemonstrationInfo:
+    """Says whether it was a success; failures are not trained from."""
+    return _info(coordinator.demonstrations.judge(demonstration_id, request.outcome))
+
+
+@router.delete("/{demonstration_id}", status_code=204, responses=responses(404, 503))
+def delete_demonstration(demonstration_id: str, coordinator: CoordinatorDep) -> None:
+    """Deletes a demonstration, and its samples from every module: the next query does not know them."""
+    coordinator.untrain(demonstration_id)
+
+
+@router.get("/{demonstration_id}/observations", responses=responses(404))
+def list_observations(demonstration_id: str, coordinator: CoordinatorDep) -> ObservationList:
+    """What was observed in a demonstration, in order."""
+    demonstration = coordinator.demonstrations.get(demonstration_id)
+    return ObservationList(observations=tuple(map(_observation, demonstration.observations)))
+
+
+@router.post(
+    "/{demonstration_id}/observations",
+    status_code=201,
+    response_model=ObservationInfo,
+    responses=responses(404, 409, 502, 503, 504),
+)
 async def add_observation(
-    demonstration_id: str, request: ObservationRequest, coordinator: CoordinatorDep, lane: CameraLaneDep
-) -> ObservationInfo:
+    demonstration_id: str,
+    request: ObservationRequest,
+    coordinator: CoordinatorDep,
+    lane: CameraLaneDep,
+    once: OnceDep,
+) -> Response:
     """Grabs a stereo pair that shows the arm at rest, recognises object and hand, and reads the joints."""
-    observe = partial(coordinator.observe, demonstration_id, request.subtask, goal=request.goal, key=request.key)
-    return _observation(await lane.run(observe))
+    if (before := await to_thread.run_sync(once.known)) is not None:
+        return before
+    seen = await lane.run(partial(coordinator.look, demonstration_id, request.subtask, goal=request.goal))
+
+    def work() -> tuple[ObservationInfo, None]:
+        observation = coordinator.record(demonstration_id, request.subtask, seen, request.goal, request.key)
+        return _observation(observation), None
+
+    return await to_thread.run_sync(once.reply, work)
 
 
-@router.post("/{demonstration_id}/actions", status_code=201, responses=responses(404, 409))
-def add_action(demonstration_id: str, request: ActionRequest, coordinator: CoordinatorDep) -> DemonstrationInfo:
+@router.post(
+    "/{demonstration_id}/actions", status_code=201, response_model=DemonstrationInfo, responses=responses(404, 409)
+)
+def add_action(demonstration_id: str, request: ActionRequest, coordinator: CoordinatorDep, once: OnceDep) -> Response:
     """Marks what the person did with the gripper at the end of a subtask."""
-    return _info(coordinator.demonstrations.act(demonstration_id, request.subtask, request.action))
+    return once.reply(
+        lambda: (_info(coordinator.demonstrations.act(demonstration_id, request.subtask, request.action)), None)
+    )
 
 
-@router.post("/{demonstration_id}/finish", responses=responses(404, 409))
-def finish_demonstration(demonstration_id: str, coordinator: CoordinatorDep) -> DemonstrationInfo:
+@router.post("/{demonstration_id}/finish", response_model=DemonstrationInfo, responses=responses(404, 409))
+def finish_demonstration(demonstration_id: str, coordinator: CoordinatorDep, once: OnceDep) -> Response:
     """Checks that every subtask has its goal and closes the demonstration for training."""
-    return _info(coordinator.demonstrations.finish(demonstration_id))
+    return once.reply(lambda: (_info(coordinator.demonstrations.finish(demonstration_id)), None), 200)
 
 
 def _info(demonstration: Demonstration) -> DemonstrationInfo:
@@ -72,6 +123,8 @@ def _info(demonstration: Demonstration) -> DemonstrationInfo:
         task=demonstration.task,
         object=demonstration.object,
         state="finished" if demonstration.finished else "recording",
+        outcome=demonstration.outcome,
+        created=datetime.fromtimestamp(demonstration.created, UTC),
         observations=len(demonstration.observations),
         subtasks=tuple(SubtaskInfo(name=s.name, action=s.action) for s in demonstration.subtasks),
     )

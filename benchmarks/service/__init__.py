@@ -1,0 +1,1 @@
+"""How fast the service answers, beside what does nothing and beside the library; see benchmarks/README.md."""

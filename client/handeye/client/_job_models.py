@@ -1,0 +1,200 @@
+"""Jobs, and what they leave behind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime
+from typing import Any, ClassVar, Literal, Self
+
+from pydantic import Field, ModelWrapValidatorHandler, field_validator, model_validator
+
+from handeye.client._model import Model, PageModel
+from handeye.client._module_models import ModuleStatistics
+from handeye.client._robot_models import Head, Robot
+from handeye.client.errors import JobFailed
+
+Point = tuple[float, float, float]
+"""(row, column, disparity) in pixels."""
+
+
+class SubtaskStatistics(Model):
+    """A trained subtask: its gripper action, its training pairs, and the tree that holds them."""
+
+    name: str
+    action: str | None
+    pairs: int
+    nodes: int
+    levels: int
+
+
+class TrainStatistics(Model):
+    """What a task was trained from, and the module that answers for it; `approximator` says how."""
+
+    task: str
+    module: str
+    demonstrations: tuple[str, ...]
+    pairs: int
+    subtasks: tuple[SubtaskStatistics, ...]
+    approximator: dict[str, Any]
+
+
+class Neighbour(Model):
+    """A taught sample that an answer came from, its distance to the query and its share in the answer."""
+
+    sample: int
+    demonstration: str | None
+    distance: float
+    weight: float
+
+
+class Look(Model):
+    """One look: world time in s; answer `delta` and reported `moved` in rad; `picture` is for `Client.picture`."""
+
+    number: int
+    world_time: float
+    object: Point
+    hand: Point
+    delta: tuple[float, ...]
+    support: float
+    neighbours: tuple[Neighbour, ...]
+    moved: tuple[float, ...]
+    picture: str
+
+
+class SubtaskResult(Model):
+    """One subtask of a run; `started` and `ended` are world times in s; `aligned`: within the tolerance at its end."""
+
+    name: str
+    state: Literal["running", "succeeded", "failed"]
+    started: float
+    ended: float | None
+    aligned: bool
+    action: str | None
+    looks: tuple[Look, ...]
+
+
+class RunResult(Model):
+    """The subtasks that a run has begun."""
+
+    subtasks: tuple[SubtaskResult, ...]
+
+
+class JobError(Model):
+    """Why a job failed: a stable code and a sentence."""
+
+    code: str
+    message: str
+
+
+class Job(Model):
+    """Long work: a run of a task, a training, or a motion; read as the class of its kind.
+
+    `subject` is the task, the module or the action; `progress` is a share in [0, 1], None while it is not known.
+    """
+
+    id: str
+    kind: str
+    subject: str
+    object: str | None = None
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled", "interrupted"]
+    progress: float | None = None
+    error: JobError | None = None
+    result: Any = None
+    created_at: datetime | None = Field(default=None, validation_alias="created")
+    started_at: datetime | None = Field(default=None, validation_alias="started")
+    ended_at: datetime | None = Field(default=None, validation_alias="ended")
+
+    noun: ClassVar[str] = "Job"
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _as_its_kind(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Job:
+        if cls is Job and isinstance(data, dict) and (kind := _KINDS.get(data.get("kind", ""))) is not None:
+            return kind.model_validate(data)
+        return handler(data)
+
+    @property
+    def ended(self) -> bool:
+        """Nothing more will happen in it."""
+        return self.state in ("succeeded", "failed", "cancelled", "interrupted")
+
+    @property
+    def succeeded(self) -> bool:
+        """All of it was done."""
+        return self.state == "succeeded"
+
+    @property
+    def failure(self) -> str:
+        """A sentence about why the job did not succeed."""
+        reason = self.error.message if self.error else "it has not ended"
+        return f"{self.noun} '{self.subject}' {self._how_it_ended()}: {reason}"
+
+    def raise_for_failure(self) -> Self:
+        """The job itself when it succeeded; raises `JobFailed` when not."""
+        if not self.succeeded:
+            raise JobFailed(self)
+        return self
+
+    def _how_it_ended(self) -> str:
+        return self.state if self.state in ("succeeded", "failed") else f"was {self.state}"
+
+
+class RunJob(Job):
+    """A run of the task `subject` with `object`."""
+
+    kind: Literal["run"]
+    object: str
+    result: RunResult = RunResult(subtasks=())
+
+    noun = "Task"
+
+    @field_validator("result", mode="before")
+    @classmethod
+    def _nothing_yet(cls, value: Any) -> Any:
+        return {"subtasks": ()} if value is None else value
+
+    def _how_it_ended(self) -> str:
+        where = next((f" in subtask '{s.name}'" for s in self.result.subtasks if s.state == "failed"), "")
+        return super()._how_it_ended() + where
+
+
+class TrainJob(Job):
+    """Training of the task or module `subject`; `result` are its statistics."""
+
+    kind: Literal["train"]
+    result: TrainStatistics | ModuleStatistics | None = None
+
+    noun = "Training"
+
+
+class MotionJob(Job):
+    """A motion of the arm (`subject` is the action) or of the head; `result` is what was reached."""
+
+    kind: Literal["motion"]
+    result: Robot | Head | None = None
+
+    noun = "Motion"
+
+
+_KINDS: dict[str, type[Job]] = {"run": RunJob, "train": TrainJob, "motion": MotionJob}
+
+
+class Jobs(PageModel):
+    """Jobs, the newest first."""
+
+    jobs: tuple[Job, ...]
+
+
+class JobEvent(Model):
+    """Something that happened in a job; `number` counts from 1.
+
+    `kind` is state (data: the job), progress, subtask, look, not_seen or stop.
+    """
+
+    number: int
+    kind: str
+    data: dict[str, Any]
+
+
+OnEvent = Callable[[JobEvent], None]
+"""What is told a job's events, in the thread or task that waits for the job."""

@@ -1,0 +1,169 @@
+# Made by tools/make_sync.py from client/handeye/client/_async/teaching.py: change that, then `make sync`.
+"""Objects, demonstrations and tasks: what a person shows, and what the robot then does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import closing
+from typing import Any, Literal
+
+from handeye.client._job_models import OnEvent, RunJob, TrainJob, TrainStatistics
+from handeye.client._sync.calls import part
+from handeye.client._sync.jobs import SyncJobCalls, ignore
+from handeye.client.errors import UnexpectedAnswer
+from handeye.client.models import (
+    Demonstration,
+    Demonstrations,
+    Observation,
+    Outcome,
+    Recording,
+    Task,
+    Tasks,
+    TaughtObject,
+    TaughtObjects,
+)
+
+Pairs = Literal["all", "key"]
+Approximator = str | Mapping[str, Any] | None
+
+
+class SyncTeachingCalls(SyncJobCalls):
+    """The part of the client for /v1/objects, /v1/demonstrations and /v1/tasks."""
+
+    # Objects
+
+    def objects(self) -> tuple[TaughtObject, ...]:
+        """The objects, in the order of their first pictures."""
+        return (self._get(TaughtObjects, "/v1/objects")).objects
+
+    def add_background(self, name: str, not_older_than: float = 0.0) -> TaughtObject:
+        """Shows the scene without the object; pictures show the world at `not_older_than` (world time, s) or later."""
+        return self._show(name, "backgrounds", not_older_than)
+
+    def add_example(self, name: str, not_older_than: float = 0.0) -> TaughtObject:
+        """Shows the scene with the object; pictures show the world at `not_older_than` (world time, s) or later."""
+        return self._show(name, "examples", not_older_than)
+
+    def delete_object(self, name: str) -> None:
+        """Forgets an object and its pictures."""
+        self._delete(f"/v1/objects/{part(name)}")
+
+    def _show(self, name: str, kind: str, not_older_than: float) -> TaughtObject:
+        body = {"not_older_than": not_older_than}
+        return self._post(TaughtObject, f"/v1/objects/{part(name)}/{kind}", body)
+
+    # Demonstrations
+
+    def demonstrations(self) -> tuple[Demonstration, ...]:
+        """The demonstrations, in the order they were begun."""
+        with closing(self._pages(Demonstrations, "/v1/demonstrations")) as pages:
+            return tuple([each for page in pages for each in page.demonstrations])
+
+    def demonstration(self, demonstration_id: str) -> Demonstration:
+        """One demonstration."""
+        return self._get(Demonstration, _path(demonstration_id))
+
+    def observations(self, demonstration_id: str) -> tuple[Observation, ...]:
+        """All that was observed in a demonstration, in order."""
+        return (self._get(Recording, f"{_path(demonstration_id)}/observations")).observations
+
+    def begin_demonstration(self, task: str, object_name: str) -> Demonstration:
+        """Begins to record."""
+        return self._post_once(Demonstration, "/v1/demonstrations", {"task": task, "object": object_name})
+
+    def observe(self, demonstration_id: str, subtask: str, *, goal: bool = False, key: bool = False) -> Observation:
+        """Looks and reads the joints, with the arm at rest. `goal`: the subtask ends here; `key`: it begins here."""
+        body = {"subtask": subtask, "goal": goal, "key": key}
+        return self._post_once(Observation, f"{_path(demonstration_id)}/observations", body)
+
+    def mark_action(
+        self, demonstration_id: str, subtask: str, action: Literal["close_gripper", "open_gripper"]
+    ) -> Demonstration:
+        """Says what the person did with the gripper at the end of a subtask."""
+        body = {"subtask": subtask, "action": action}
+        return self._post_once(Demonstration, f"{_path(demonstration_id)}/actions", body)
+
+    def finish_demonstration(self, demonstration_id: str) -> Demonstration:
+        """Closes a complete demonstration for training."""
+        return self._post_once(Demonstration, f"{_path(demonstration_id)}/finish")
+
+    def label_demonstration(self, demonstration_id: str, outcome: Outcome | None) -> Demonstration:
+        """Says how a demonstration went; failures are not trained from."""
+        return self._patch(Demonstration, _path(demonstration_id), {"outcome": outcome})
+
+    def delete_demonstration(self, demonstration_id: str) -> None:
+        """Deletes a demonstration; its samples leave every module at once."""
+        self._delete(_path(demonstration_id))
+
+    # Tasks
+
+    def tasks(self) -> tuple[Task, ...]:
+        """The trained tasks, by name."""
+        return (self._get(Tasks, "/v1/tasks")).tasks
+
+    def task(self, name: str) -> Task:
+        """One task."""
+        return self._get(Task, f"/v1/tasks/{part(name)}")
+
+    def delete_task(self, name: str) -> None:
+        """Forgets a trained task and its module; its demonstrations stay."""
+        self._delete(f"/v1/tasks/{part(name)}")
+
+    def train(
+        self,
+        task: str,
+        *,
+        pairs: Pairs = "all",
+        approximator: Approximator = None,
+        timeout: float = 600.0,
+        on_event: OnEvent = ignore,
+    ) -> TrainStatistics:
+        """Trains a task from its finished demonstrations and waits for it.
+
+        Args:
+            task: its name.
+            pairs: "key" for the thesis's bare pairs, one from the beginning of each subtask.
+            approximator: how answers are made, a method by name or with its settings; None: as suits a task.
+            timeout: s after which the wait ends. When it ends early, however that is, the training is cancelled.
+            on_event: is told the job's events.
+
+        Raises:
+            JobFailed: the demonstrations do not make a task.
+        """
+        job = self.start_training(task, pairs=pairs, approximator=approximator)
+        ended = self._see_through(job, timeout, on_event)
+        result = ended.raise_for_failure().result
+        if not isinstance(result, TrainStatistics):
+            raise UnexpectedAnswer(f"Job {job.id} has trained task '{task}' and has no statistics of it.")
+        return result
+
+    def start_training(self, task: str, *, pairs: Pairs = "all", approximator: Approximator = None) -> TrainJob:
+        """As `train`, and returns at once."""
+        settings = dict(approximator) if isinstance(approximator, Mapping) else approximator
+        body = {"pairs": pairs, "approximator": settings}
+        return self._post_once(TrainJob, f"/v1/tasks/{part(task)}/train", body)
+
+    def start_run(self, task: str, object_name: str, *, one_look: bool = False) -> RunJob:
+        """Starts a trained task and returns at once."""
+        body = {"object": object_name, "one_look": one_look}
+        return self._post_once(RunJob, f"/v1/tasks/{part(task)}/runs", body)
+
+    def run_task(
+        self,
+        task: str,
+        object_name: str,
+        *,
+        one_look: bool = False,
+        timeout: float = 300.0,
+        on_event: OnEvent = ignore,
+    ) -> RunJob:
+        """Does a trained task and returns the ended job, failed ones too: see `Job.raise_for_failure`.
+
+        When the wait ends early (deadline, Ctrl-C, an error from `on_event`), the job is cancelled and the arm stops.
+        """
+        job = self.start_run(task, object_name, one_look=one_look)
+        return self._see_through(job, timeout, on_event)
+
+
+def _path(demonstration_id: str) -> str:
+    return f"/v1/demonstrations/{part(demonstration_id)}"
