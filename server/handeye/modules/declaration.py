@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, model_validator
 
 from handeye.rpt import Settings
 
@@ -30,10 +30,10 @@ class Component(Declared):
     name: Name
     unit: Unit
     """For people: "px", "rad", "m", or "" for a category."""
-    scale: float = Field(default=1.0, ge=1e-100, le=1e100)
+    scale: float = Field(default=1.0, ge=1e-100, le=1e100, strict=True)
     """Differences of this size, in the unit, count alike across components: inputs are divided by it before any
     distance is taken. Without meaning for a category."""
-    categorical: bool = False
+    categorical: StrictBool = False
     """A category: samples with another value are never neighbours."""
 
 
@@ -48,20 +48,20 @@ class ApproximatorSettings(Declared):
     """How an answer is made from the samples near the query (`handeye.rpt.approximate`)."""
 
     method: Literal["local_quadratic", "local_linear", "kndb", "kndb2", "nearest"] = "local_linear"
-    neighbours: int | None = Field(default=30, ge=1, le=1_000_000)
+    neighbours: int | None = Field(default=30, ge=1, le=1_000_000, strict=True)
     """How many samples are retrieved; all of the query's category when None or when it has fewer."""
-    alpha: float = Field(default=3.0, ge=1, le=100)
+    alpha: float = Field(default=3.0, ge=1, le=100, strict=True)
     """How fast the weights of KNDB and KNDB2 fall (3.3)."""
-    smoothing: float = Field(default=0.1, ge=1e-9, le=1e6)
+    smoothing: float = Field(default=0.1, ge=1e-9, le=1e6, strict=True)
     """Of the distance weights of the local fits, as a share of the farthest neighbour's distance."""
-    ridge: float = Field(default=1e-4, ge=1e-12, le=1e9)
+    ridge: float = Field(default=1e-4, ge=1e-12, le=1e9, strict=True)
     """How strongly slopes are held small, as a share of the inputs' variance; for the local fits and KNDB2's
     gradients."""
-    curvature_ridge: float = Field(default=1e-2, ge=1e-12, le=1e9)
+    curvature_ridge: float = Field(default=1e-2, ge=1e-12, le=1e9, strict=True)
     """The same for the second-order terms of `local_quadratic`."""
     search: Literal["exact", "beam"] = "exact"
     """`beam` is the thesis's search; it may miss the nearest samples (Fig 3.36)."""
-    keep_covered: bool = True
+    keep_covered: StrictBool = True
     """Whether samples that became no node of the tree stay in their leaf."""
 
     def for_model(self) -> Settings:

@@ -65,6 +65,7 @@ def routes_only() -> FastAPI:
         openapi_url="/v1/openapi.json",
         docs_url=None,  # the pages behind these two load scripts from elsewhere
         redoc_url=None,
+        generate_unique_id_function=lambda route: route.name,  # generated clients name their calls by it
     )
     problem.install(app)
     for part in _PARTS:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from datetime import datetime
 from enum import StrEnum
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, WithJsonSchema
 
 from handeye.modules.declaration import ApproximatorSettings
+
+THREE = WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3})
+"""How three numbers are described: many a generator of clients does not know a schema for each place of an array."""
+
+Triple = Annotated[tuple[float, float, float], THREE]
 
 
 class _Record(BaseModel):
@@ -34,9 +39,9 @@ class LookRecord(_Record):
     """Counts the looks of the run, from 0."""
     world_time: float
     """World time that the left picture shows, in s."""
-    object: tuple[float, float, float]
+    object: Triple
     """(row, column, disparity) of the object, in pixels."""
-    hand: tuple[float, float, float]
+    hand: Triple
     """(row, column, disparity) of the hand, in pixels."""
     delta: tuple[float, ...]
     """The answer: joint differences in rad, base to wrist."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, FailFast, Field, FiniteFloat
+from pydantic import BaseModel, ConfigDict, FailFast, Field, FiniteFloat, Strict, StrictBool
 
 from handeye.modules.declaration import MOST_COMPONENTS, ApproximatorSettings, ModuleDeclaration
 from handeye.server.demonstration import Action, Outcome
-from handeye.server.results import HeadInfo, JobView
+from handeye.server.results import THREE, HeadInfo, JobView, Triple
 
 # Ranges, because what \w means differs between JSON Schema, Python and pydantic.
 _LETTERS = r"0-9A-Z_a-z\u00c0-\u1fff\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\uffef"
@@ -27,6 +27,9 @@ DemonstrationName = Annotated[str, Field(pattern=LONG_NAME, examples=["grasp-1"]
 
 SampleNumber = Annotated[int, Field(ge=0, lt=2**63)]
 
+LATEST = 1e9
+"""World time in s that may be asked for: 30 years."""
+
 MOST_AT_ONCE = 10_000
 """Samples or queries of one request."""
 
@@ -34,8 +37,11 @@ Key = Annotated[str, Field(pattern=r"^[!-~]{1,128}$", examples=["3f0c4c1e-6f0b-4
 """An Idempotency-Key: up to 128 visible ASCII characters, such as a UUID."""
 
 
+# Strict: neither "1" nor true is a number.
+Number = Annotated[FiniteFloat, Strict()]
+
 # They end at the first wrong value: one error for each of millions would fill the memory.
-Vector = Annotated[tuple[FiniteFloat, ...], FailFast(), Field(max_length=MOST_COMPONENTS)]
+Vector = Annotated[tuple[Number, ...], FailFast(), Field(min_length=1, max_length=MOST_COMPONENTS)]
 """Numbers in the order in which a module declares its inputs or outputs."""
 
 
@@ -52,7 +58,7 @@ class Health(_Body):
 class Grab(_Body):
     """Which pictures will do."""
 
-    not_older_than: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    not_older_than: Number = Field(default=0.0, ge=0.0, le=LATEST)
     """Oldest world time that the pictures may show, in s; 0: the newest there are."""
 
 
@@ -118,9 +124,9 @@ class ObservationRequest(_Body):
     """Look now, with the arm at rest."""
 
     subtask: Name
-    goal: bool = False
+    goal: StrictBool = False
     """These joints are where the subtask ends."""
-    key: bool = False
+    key: StrictBool = False
     """One of the thesis's bare pairs: where the subtask begins."""
 
 
@@ -134,9 +140,9 @@ class ObservationInfo(_Body):
     key: bool
     world_time: float
     """World time that the left picture shows, in s."""
-    object: tuple[float, float, float]
+    object: Triple
     """(row, column, disparity) in pixels."""
-    hand: tuple[float, float, float]
+    hand: Triple
     """(row, column, disparity) in pixels."""
     joints: tuple[float, ...]
     """In rad, base to wrist."""
@@ -182,7 +188,7 @@ class RunRequest(_Body):
     """What to do the task with."""
 
     object: Name
-    one_look: bool = False
+    one_look: StrictBool = False
     """One answer per subtask without looking again, as the thesis does."""
 
 
@@ -268,7 +274,7 @@ class QueryRequest(_Body):
     """One query or many, each a vector in the declared order and units."""
 
     inputs: Annotated[tuple[Vector, ...], FailFast()] = Field(min_length=1, max_length=MOST_AT_ONCE)
-    neighbours: int = Field(default=10, ge=0, le=1000)
+    neighbours: int = Field(default=10, ge=0, le=1000, strict=True)
     """So many of the samples that each answer came from are named, nearest first."""
 
 
@@ -397,8 +403,8 @@ class LeaseGiven(LeaseKept):
 class PaceRequest(_Body):
     """How fast to move, as shares of the joints' limits."""
 
-    speed: float = Field(default=0.5, ge=0.001, le=1.0)
-    acceleration: float = Field(default=0.5, ge=0.001, le=1.0)
+    speed: Number = Field(default=0.5, ge=0.001, le=1.0)
+    acceleration: Number = Field(default=0.5, ge=0.001, le=1.0)
 
 
 class Paced(_Body):
@@ -410,37 +416,37 @@ class Paced(_Body):
 class MoveToPoint(Paced):
     """Where the tool centre point is to go."""
 
-    point: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    point: Annotated[tuple[Number, Number, Number], THREE]
     """(x, y, z) in m, world frame."""
 
 
 class MoveToJoints(Paced):
     """Where the joints are to go."""
 
-    joints: Annotated[tuple[FiniteFloat, ...], Field(min_length=1, max_length=32)]
+    joints: Annotated[tuple[Number, ...], Field(min_length=1, max_length=32)]
     """In rad, base to wrist."""
 
 
 class AdjustJoints(Paced):
     """How far the joints are to turn."""
 
-    delta: Annotated[tuple[FiniteFloat, ...], Field(min_length=1, max_length=32)]
+    delta: Annotated[tuple[Number, ...], Field(min_length=1, max_length=32)]
     """In rad, base to wrist."""
 
 
 class Advance(_Body):
     """How much world time is to pass."""
 
-    duration: float = Field(gt=0.0, le=60.0)
+    duration: Number = Field(gt=0.0, le=60.0)
     """In s."""
 
 
 class TurnHead(_Body):
     """Where the head is to point."""
 
-    pan: FiniteFloat
+    pan: Number
     """In rad; positive to its left."""
-    tilt: FiniteFloat
+    tilt: Number
     """In rad; positive upwards."""
 
 

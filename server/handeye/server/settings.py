@@ -8,6 +8,7 @@ from pathlib import Path
 from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from handeye.rpc.settings import SECRETS
 from handeye.server.access.limits import LimitSettings
 from handeye.server.access.logs import Level
 from handeye.server.acting import ActingSettings
@@ -19,9 +20,9 @@ def default_data_dir() -> Path:
 
 
 class StoreSettings(BaseSettings):
-    """Where the store is, from HANDEYE_DATABASE_URL."""
+    """Where the store is, from HANDEYE_DATABASE_URL or a file of that name in HANDEYE_SECRETS_DIR."""
 
-    model_config = SettingsConfigDict(env_prefix="HANDEYE_", extra="forbid", frozen=True)
+    model_config = SettingsConfigDict(env_prefix="HANDEYE_", extra="forbid", frozen=True, secrets_dir=SECRETS)
 
     database_url: SecretStr | None = None
     """sqlite:////folder/file.db or postgresql+psycopg://user:password@host/database; None: `handeye.db` in the data

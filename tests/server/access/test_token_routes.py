@@ -13,7 +13,7 @@ from starlette.testclient import TestClient
 
 from handeye.server import problem
 from handeye.server.access import Access, Role
-from handeye.server.routes import health, tokens
+from handeye.server.routes import Lanes, health, tokens
 from handeye.server.store import Store
 from tests.server.access.conftest import Site, sentence
 
@@ -27,6 +27,7 @@ def site(store: Store) -> Site:
     app.include_router(health.router)
     app.include_router(tokens.router)
     app.state.coordinator = SimpleNamespace(missing=list)
+    app.state.lanes = Lanes()
     site.app = app
     return site
 

@@ -103,11 +103,11 @@ StopLaneDep = Annotated[Lane, Depends(_stop_lane)]
 CameraLaneDep = Annotated[Lane, Depends(_camera_lane)]
 """Where pictures are waited for."""
 
-Limit = Annotated[int, Query(ge=1, le=1000)]
-"""How many items a page has at most."""
+Limit = Annotated[int, Query(ge=1, le=1000, description="How many items the page has at most.")]
 
-Cursor = Annotated[str | None, Query(max_length=400)]
-"""Where the page begins: what the page before gave as `next`."""
+Cursor = Annotated[
+    str | None, Query(max_length=400, description="What the page before gave as `next`; the first page has none.")
+]
 
 
 def media_type(request: Request) -> str:

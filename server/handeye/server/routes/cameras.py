@@ -19,6 +19,7 @@ from handeye.server.metrics import Metrics
 from handeye.server.pictures import jpeg, png
 from handeye.server.problem import TooManyRequests, responses
 from handeye.server.routes import CameraLaneDep, CoordinatorDep, Lane, Lanes, LanesDep, MetricsDep
+from handeye.server.schemas import LATEST
 
 Camera = Literal["left", "right", "observer"]
 
@@ -45,7 +46,7 @@ async def camera_frame(
     coordinator: CoordinatorDep,
     lane: CameraLaneDep,
     metrics: MetricsDep,
-    not_older_than: Annotated[float, Query(ge=0.0, allow_inf_nan=False)] = 0.0,
+    not_older_than: Annotated[float, Query(ge=0.0, le=LATEST)] = 0.0,
     accept: Annotated[str, Header()] = "*/*",
 ) -> Response:
     """A picture that shows the world at `not_older_than` (world time in s) or later; 0: the newest.

@@ -34,7 +34,9 @@ from handeye.server.schemas import (
 
 router = APIRouter(prefix="/v1", tags=["control"])
 
-ControlLease = Annotated[str, Header(max_length=100, description="The lease that POST /v1/robot/lease gave.")]
+ControlLease = Annotated[
+    str, Header(alias="Control-Lease", max_length=100, description="The lease that POST /v1/robot/lease gave.")
+]
 
 _MOVES = responses(409, 502, 503, 504)
 _PACED = Paced()

@@ -37,7 +37,7 @@ def list_demonstrations(coordinator: CoordinatorDep, limit: Limit = 100, cursor:
     return DemonstrationPage(demonstrations=tuple(map(_info, shown)), next=following)
 
 
-@router.post("", status_code=201, response_model=DemonstrationInfo, responses=responses(404))
+@router.post("", status_code=201, response_model=DemonstrationInfo, responses=responses(404, 409))
 def begin_demonstration(request: DemonstrationRequest, coordinator: CoordinatorDep, once: OnceDep) -> Response:
     """Begins to record; the object must have been learned."""
 

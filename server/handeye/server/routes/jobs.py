@@ -18,6 +18,9 @@ from handeye.server.store import jobs as stored
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 
+LastEventId = Annotated[
+    int, Header(alias="Last-Event-ID", ge=0, description="The number of the last event that the caller knows.")
+]
 LookNumber = Annotated[int, Path(ge=0, lt=2**31)]
 
 _EVENT_PERIOD = 0.05  # s between two looks whether something happened: no thread waits for each who listens
@@ -55,7 +58,7 @@ async def cancel_job(job_id: str, coordinator: CoordinatorDep) -> JobView:
 
 
 @router.get("/{job_id}/events", response_class=EventSourceResponse, responses=responses(404))
-async def job_events(job: JobDep, last_event_id: Annotated[int, Header(ge=0)] = 0) -> AsyncIterator[ServerSentEvent]:
+async def job_events(job: JobDep, last_event_id: LastEventId = 0) -> AsyncIterator[ServerSentEvent]:
     """Server-sent events from the job's first on, or from after Last-Event-ID; the stream ends with the job.
 
     Events: `state` (data: the job), `progress`, `subtask`, `look`, `not_seen`, `stop`.

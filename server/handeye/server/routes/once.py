@@ -18,6 +18,11 @@ from handeye.server.schemas import Key
 from handeye.server.store import replies
 from handeye.server.store.replies import Reply
 
+_MEANING = (
+    "Any text of your own. A request that is repeated with the same one within a day is not done again: it gets the "
+    "answer that the first one got."
+)
+
 
 class KeyUsed(Conflict):
     """The key came with another request before."""
@@ -66,7 +71,9 @@ def _response(reply: Reply) -> Response:
 
 
 async def _once(
-    request: Request, coordinator: CoordinatorDep, idempotency_key: Annotated[Key | None, Header()] = None
+    request: Request,
+    coordinator: CoordinatorDep,
+    idempotency_key: Annotated[Key | None, Header(alias="Idempotency-Key", description=_MEANING)] = None,
 ) -> Once:
     if idempotency_key is None:
         return Once(coordinator, None, "")

@@ -23,7 +23,7 @@ class TokenRequest(BaseModel):
     name: Name
     """Whose it is, or what for; log lines tell it."""
     role: Role
-    days: float | None = Field(gt=0.0, le=36500.0, allow_inf_nan=False, examples=[30])
+    days: float | None = Field(gt=0.0, le=36500.0, allow_inf_nan=False, strict=True, examples=[30])
     """How long it counts, in days; null: until it is revoked."""
 
 
