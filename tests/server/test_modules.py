@@ -86,6 +86,11 @@ def test_a_module_that_was_deleted_leaves_nothing_to_one_of_the_same_name(http: 
         (changed(approximator={"method": "guess"}), "body.approximator.method"),
         (changed(approximator={"neighbours": 0}), "body.approximator.neighbours"),
         (changed(approximator={"neighbours": 10**30}), "body.approximator.neighbours"),
+        (changed(approximator={"neighbours": 1001}), "body.approximator.neighbours"),
+        (changed(approximator={"neighbours": "5"}), "body.approximator.neighbours"),
+        (changed(approximator={"neighbours": True}), "body.approximator.neighbours"),
+        (changed(approximator={"keep_covered": 1}), "body.approximator.keep_covered"),
+        (changed(approximator={"method": "kndb2", "neighbours": 101}), "body.approximator"),
         (changed(approximator={"alpha": 1e300}), "body.approximator.alpha"),
         (changed(colour="red"), "body.colour"),
         ({}, "body.name"),
@@ -109,6 +114,20 @@ def test_wrong_declarations_name_the_field(http: TestClient, body: dict[str, Any
 def test_declarations_that_make_no_sense_say_why(http: TestClient, inputs: Any, outputs: Any, wrong: str) -> None:
     response = http.post("/v1/modules", json=changed(inputs=inputs, outputs=outputs))
     assert wrong in problem(response, 422, "invalid_argument")
+
+
+def test_a_quadratic_fit_takes_no_more_inputs_than_it_can(http: TestClient) -> None:
+    """With 60 it would take a second for each answer, and a minute to be taught 60 samples."""
+    ins = [{"name": f"x{i}", "unit": ""} for i in range(21)]
+    quadratic = {"method": "local_quadratic"}
+    wide = http.post("/v1/modules", json=changed(inputs=ins, approximator=quadratic))
+    assert "local_linear takes more" in problem(wide, 422, "invalid_argument")
+    done(http.post("/v1/modules", json=changed(inputs=ins)), 201)
+    train = http.post("/v1/modules/map/train", json={"approximator": quadratic})
+    assert "local_linear takes more" in problem(train, 422, "invalid_argument")
+    assert done(http.get("/v1/jobs"))["jobs"] == []
+    ins[0]["categorical"] = True  # type: ignore[assignment]
+    done(http.post("/v1/modules", json=changed(name="other", inputs=ins, approximator=quadratic)), 201)
 
 
 def test_modules_come_in_pages_by_name(http: TestClient) -> None:

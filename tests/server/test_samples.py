@@ -73,7 +73,7 @@ def test_ten_thousand_samples_and_queries_at_once(http: TestClient, module: str)
         ({"input": [0.0], "output": [0.0, 0.0]}, "2 components"),
         ({"input": [0.0, 0.0, 0.0], "output": [0.0, 0.0]}, "2 components"),
         ({"input": [0.0, 0.0], "output": [0.0]}, "2 components"),
-        ({"input": [], "output": []}, "components"),
+        ({"input": [], "output": []}, "at least 1 item"),
         ({"input": [0.0, 0.0]}, "output"),
         ({"input": [0.0, 0.0], "output": [0.0, 0.0], "colour": "blue"}, "colour"),
         ({"input": [0.0, 0.0], "output": [0.0, 0.0], "demonstration": "a/b"}, "demonstration"),

@@ -14,6 +14,12 @@ from handeye.rpt import Settings
 MOST_COMPONENTS = 256
 """Inputs or outputs of a module: its samples' slopes are inputs times outputs, and an answer has them all."""
 
+# An answer takes time with the square of the neighbours, with the cube of a local fit's terms; and KNDB2 makes a fit
+# for each sample that comes near another.
+MOST_NEIGHBOURS = 1000
+_MOST_GRADIENT_NEIGHBOURS = 100
+_MOST_QUADRATIC_INPUTS = 20
+
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 Unit = Annotated[str, Field(max_length=40)]
 
@@ -48,8 +54,8 @@ class ApproximatorSettings(Declared):
     """How an answer is made from the samples near the query (`handeye.rpt.approximate`)."""
 
     method: Literal["local_quadratic", "local_linear", "kndb", "kndb2", "nearest"] = "local_linear"
-    neighbours: int | None = Field(default=30, ge=1, le=1_000_000, strict=True)
-    """How many samples are retrieved; all of the query's category when None or when it has fewer."""
+    neighbours: int | None = Field(default=30, ge=1, le=MOST_NEIGHBOURS, strict=True)
+    """How many samples are retrieved; None: all of the query's category, but 1000 at most (KNDB2: 100)."""
     alpha: float = Field(default=3.0, ge=1, le=100, strict=True)
     """How fast the weights of KNDB and KNDB2 fall (3.3)."""
     smoothing: float = Field(default=0.1, ge=1e-9, le=1e6, strict=True)
@@ -64,11 +70,22 @@ class ApproximatorSettings(Declared):
     keep_covered: StrictBool = True
     """Whether samples that became no node of the tree stay in their leaf."""
 
+    @property
+    def most_neighbours(self) -> int:
+        """How many samples are retrieved if there are as many."""
+        return self.neighbours or (_MOST_GRADIENT_NEIGHBOURS if self.method == "kndb2" else MOST_NEIGHBOURS)
+
+    @model_validator(mode="after")
+    def _check_neighbours(self) -> ApproximatorSettings:
+        if self.method == "kndb2" and self.most_neighbours > _MOST_GRADIENT_NEIGHBOURS:
+            raise ValueError(f"method kndb2 takes up to {_MOST_GRADIENT_NEIGHBOURS} neighbours, not {self.neighbours}")
+        return self
+
     def for_model(self) -> Settings:
         """The same in the learner's terms. A beam over all samples is the exact search."""
         return Settings(
             method=self.method,
-            neighbours=self.neighbours,
+            neighbours=self.most_neighbours,
             alpha=self.alpha,
             smoothing=self.smoothing,
             ridge=self.ridge,
@@ -96,3 +113,19 @@ class ModuleDeclaration(Declared):
             if doubled := sorted({name for name in names if names.count(name) > 1}):
                 raise ValueError(f"{kind} components of module '{self.name}' share a name: {', '.join(doubled)}")
         return self
+
+    @model_validator(mode="after")
+    def _check_method(self) -> ModuleDeclaration:
+        continuous = sum(not component.categorical for component in self.inputs)
+        if self.approximator.method == "local_quadratic" and continuous > _MOST_QUADRATIC_INPUTS:
+            raise ValueError(
+                f"method local_quadratic takes up to {_MOST_QUADRATIC_INPUTS} inputs that are no categories, module "
+                f"'{self.name}' has {continuous}; method local_linear takes more"
+            )
+        return self
+
+    def answering_by(self, approximator: ApproximatorSettings | None) -> ModuleDeclaration:
+        """The same module with other settings, if they are given. `ValueError` when they do not suit it."""
+        if approximator is None:
+            return self
+        return ModuleDeclaration.model_validate({**dict(self), "approximator": approximator})

@@ -97,7 +97,7 @@ def quick(module: Module, count: int) -> bool:
 
 def _neighbours(module: Module) -> int:
     """How many samples an answer is made from."""
-    return min(module.declaration.approximator.neighbours or module.samples, module.samples)
+    return min(module.declaration.approximator.most_neighbours, module.samples)
 
 
 def _numbers(module: Module) -> int:

@@ -6,6 +6,8 @@ import math
 import threading
 from collections.abc import Callable
 
+from pydantic import ValidationError
+
 from handeye.camera_bridge.driver import CameraDriver, StereoPair
 from handeye.modules.declaration import ApproximatorSettings
 from handeye.modules.recognition import NotSeen
@@ -20,6 +22,7 @@ from handeye.server.eyes import Eyes, Sight, Sighting
 from handeye.server.jobs import Job, Jobs
 from handeye.server.livemodules import LiveModules
 from handeye.server.objects import Kind, Objects, TaughtObject
+from handeye.server.problem import Invalid
 from handeye.server.results import ModuleStatistics
 from handeye.server.settings import ServerSettings
 from handeye.server.statistics import module_statistics
@@ -129,7 +132,10 @@ class Coordinator:
 
     def train_module(self, module: str, approximator: ApproximatorSettings | None) -> Job:
         """Starts a job that builds a module anew from the store, with other settings if they are given."""
-        self.modules.stored(module)
+        try:
+            self.modules.stored(module).declaration.answering_by(approximator)
+        except ValidationError as error:
+            raise Invalid(f"Module '{module}' cannot answer so: {error.errors()[0]['msg']}.") from error
 
         def work(job: Job) -> None:
             def report(share: float) -> None:

@@ -284,9 +284,7 @@ class LiveModules:
         with self._store.read() as connection:  # one transaction: the samples fit the size
             module = self.stored(name, connection)
             pieces = list(stored.read_samples(connection, module))
-        declaration = module.declaration
-        if approximator is not None:
-            declaration = declaration.model_copy(update={"approximator": approximator})
+        declaration = module.declaration.answering_by(approximator)
         width, height = len(declaration.inputs), len(declaration.outputs)
         taught = TaughtSamples(
             np.concatenate([np.zeros(0, np.int64), *(piece.numbers for piece in pieces)]),
