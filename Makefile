@@ -29,7 +29,8 @@ test: $(STAMP) $(KERNELS)
 	$(BIN)/pytest
 
 soak: $(STAMP) $(KERNELS)  ## kills the server during writes a hundred times, and damages stores at many more places
-	HANDEYE_SOAK=100 $(BIN)/pytest tests/server/store tests/system/test_durability.py
+	HANDEYE_SOAK=100 HANDEYE_SCHEMATHESIS_EXAMPLES=200 $(BIN)/pytest tests/server/store tests/server/test_schemathesis.py \
+		tests/system/test_durability.py
 
 check-compose: $(STAMP)  ## builds the images and runs the stack in containers; some minutes; says why where it cannot
 	./tools/check-compose
