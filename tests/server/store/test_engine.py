@@ -178,7 +178,7 @@ class TestTransactions:
         assert row is not None
         assert row["next"] == 80
 
-    def test_every_connection_waits_for_the_disk(self, store: Store) -> None:
+    def test_every_connection_waits_for_the_disk_and_leaves_nothing_deleted_on_it(self, store: Store) -> None:
         if store.engine.dialect.name != "sqlite":
             pytest.skip("PostgreSQL does by itself")
         with store.write() as one, store.engine.connect() as two:
@@ -186,6 +186,7 @@ class TestTransactions:
                 assert connection.execute(text("PRAGMA synchronous")).scalar() == 2
                 assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
                 assert connection.execute(text("PRAGMA foreign_keys")).scalar() == 1
+                assert connection.execute(text("PRAGMA secure_delete")).scalar() == 1
 
     def test_nobody_else_may_read_it(self, store: Store) -> None:
         if store.engine.dialect.name != "sqlite":

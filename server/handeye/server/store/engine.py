@@ -185,6 +185,8 @@ def _configure(connection: Any, _record: Any) -> None:
         "journal_mode=WAL",
         "synchronous=FULL",
         "foreign_keys=ON",
+        # What `handeye repair` finds on a page it takes for there: what was deleted must be gone from the file.
+        "secure_delete=ON",
         "cell_size_check=ON",
         f"busy_timeout={_BUSY_TIMEOUT}",
     ):
