@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from sqlalchemy import event
+from sqlalchemy.exc import OperationalError
 
 if TYPE_CHECKING:
     import httpx2
     from starlette.testclient import TestClient
+
+    from handeye.server.store import Store
 
 NPZ = {"Content-Type": "application/x-npz"}
 
@@ -72,3 +78,18 @@ def unpacked(content: bytes) -> dict[str, np.ndarray[Any, Any]]:
     """The arrays of a .npz file."""
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
+
+
+@contextmanager
+def broken(store: Store) -> Iterator[None]:
+    """No statement that writes succeeds: the disk is full."""
+
+    def fail(_connection: Any, _cursor: Any, statement: str, *_: Any) -> None:
+        if statement.startswith(("INSERT", "UPDATE", "DELETE")):
+            raise OperationalError(statement, None, Exception("database or disk is full"))
+
+    event.listen(store.engine, "before_cursor_execute", fail)
+    try:
+        yield
+    finally:
+        event.remove(store.engine, "before_cursor_execute", fail)

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from sqlalchemy import event
 from sqlalchemy.exc import OperationalError
 
 from handeye.server.jobs import Job, JobBusy, Jobs
@@ -16,7 +15,7 @@ from handeye.server.problem import NotFound
 from handeye.server.results import HeadInfo, JobState
 from handeye.server.store import Store
 from tests.server.conftest import asking, open_lab
-from tests.server.rest import declaration, done, ended, problem, samples
+from tests.server.rest import broken, declaration, done, ended, problem, samples
 
 if TYPE_CHECKING:
     from starlette.testclient import TestClient
@@ -61,21 +60,6 @@ def start(jobs: Jobs, work: Callable[[Job], None], *, acts: bool = False) -> Job
 
 def kinds(job: Job) -> list[str]:
     return [each.kind for each in job.events(0, 0.0)]
-
-
-@contextmanager
-def broken(store: Store) -> Iterator[None]:
-    """No statement that writes succeeds: the disk is full."""
-
-    def fail(_connection: Any, _cursor: Any, statement: str, *_: Any) -> None:
-        if statement.startswith(("INSERT", "UPDATE", "DELETE")):
-            raise OperationalError(statement, None, Exception("database or disk is full"))
-
-    event.listen(store.engine, "before_cursor_execute", fail)
-    try:
-        yield
-    finally:
-        event.remove(store.engine, "before_cursor_execute", fail)
 
 
 # --- one job --------------------------------------------------------------------------------------------------------

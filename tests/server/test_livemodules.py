@@ -17,6 +17,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from sqlalchemy import select
 
 from handeye.modules.answers import TaughtSamples
 from handeye.modules.declaration import ApproximatorSettings, ModuleDeclaration
@@ -24,7 +25,7 @@ from handeye.modules.module import Module
 from handeye.rpt import NotTaught
 from handeye.server.livemodules import LiveModules
 from handeye.server.problem import Conflict, NotFound, NotReady, RequestError
-from handeye.server.store import Store
+from handeye.server.store import Store, tables
 from handeye.server.store import modules as stored
 from tests.server.rest import declaration
 
@@ -282,6 +283,10 @@ class Lives(RuleBasedStateMachine):
         assert_same(self.modules.live(NAME), built(known.declaration, known.rows, known.size))
         listed = {each.name: each.samples for each in self.modules.snapshots(NAME)}
         assert listed == {name: len(rows) for name, (_, rows) in known.snapshots.items()}
+        # What neither the module nor a snapshot has takes no room.
+        with self.store.read() as connection:
+            kept = set(connection.execute(select(tables.samples.c.number)).scalars())
+        assert kept == set(known.rows).union(*(rows for _, rows in known.snapshots.values()))
 
 
 TestLives = Lives.TestCase

@@ -39,3 +39,21 @@ def test_every_operation_is_described_and_says_how_it_is_refused() -> None:
                 for status, response in operation["responses"].items():
                     if status[0] in "45":
                         assert "application/problem+json" in response["content"], where
+
+
+def test_calls_have_names_and_those_that_make_something_take_a_key() -> None:
+    names = []
+    for path, operations in json.loads(COMMITTED.read_text())["paths"].items():
+        for method, operation in operations.items():
+            names.append(operation["operationId"])
+            parameters = {parameter["name"]: parameter for parameter in operation.get("parameters", ())}
+            if method == "post" and {"201", "202"} & set(operation["responses"]):
+                # A secret is not kept to be told again, and to cancel twice is to cancel.
+                keyless = operation["operationId"] in ("make_token", "take_control", "cancel_job")
+                assert ("Idempotency-Key" in parameters) is not keyless, path
+            for name in ("Idempotency-Key", "Control-Lease", "Last-Event-ID", "limit", "cursor"):
+                assert parameters.get(name, {"description": "none"})["description"], path
+            if "Idempotency-Key" in parameters:
+                assert "409" in operation["responses"], path
+    assert len(names) == len(set(names))
+    assert all(name.isidentifier() and "v1" not in name for name in names)

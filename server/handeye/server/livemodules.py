@@ -172,9 +172,9 @@ class LiveModules:
     def remove(self, name: str, numbers: Sequence[int]) -> int:
         """Takes samples out; returns how many. `NotFound` names one that is not there, and then none is taken out."""
         with self._store.write() as connection:
-            present = stored.numbers_of(connection, self.stored(name).name)
+            self.stored(name)
             wanted = np.unique(np.asarray(numbers, np.int64))
-            if len(unknown := np.setdiff1d(wanted, present)):
+            if len(unknown := np.setdiff1d(wanted, stored.living(connection, name, wanted))):
                 raise NotFound(f"Module '{name}' has no sample {unknown[0]}; nothing was removed.")
             return self._take_out(name, wanted)
 

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from starlette.testclient import TestClient
 
 from handeye.server.access import LimitSettings, Role
 from handeye.server.access.limits import Bucket, WrongTokens, size
 from handeye.server.store import Store
 from tests.server.access.conftest import ADMIN, Site, sentence
+from tests.server.conftest import TOKEN
+
+if TYPE_CHECKING:
+    from tests.server.conftest import Lab
 
 LIMIT = 2048
 
@@ -55,6 +61,17 @@ def test_whole_stores_have_a_bound_of_their_own(small: Site) -> None:
     assert http.post("/v1/restore", content=b"x" * (LIMIT + 1)).json() == {"bytes": LIMIT + 1}
     told = sentence(http.post("/v1/restore", content=pieces(2 * LIMIT + 1)), 413, "too_large")
     assert "HANDEYE_SERVER_LIMITS__ARCHIVE_BYTES" in told
+
+
+def test_only_samples_queries_and_archives_may_be_large_unless_told_otherwise(lab: Lab) -> None:
+    content = b'{"' + b"x" * 2**20 + b'": 1}'
+    headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"}
+    with TestClient(lab.app(), headers=headers) as http:
+        for path in ("/v1/robot/stop", "/v1/demonstrations", "/v1/modules"):
+            assert "1 MiB" in sentence(http.post(path, content=content), 413, "too_large")
+        assert http.post("/v1/modules/none/query", content=content).status_code == 404
+        for path in ("/v1/modules/none/samples", "/v1/modules/import"):
+            assert http.post(path, content=content).status_code in (404, 415, 422)
 
 
 @pytest.mark.parametrize("length", ["99999999999999999999999999", "9" * 5000])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from handeye.server.access import Role
-from handeye.server.access.roles import describe, needed_role, takes_archive
+from handeye.server.access.roles import body_limit, describe, needed_role
 from tests.server.access.conftest import Site, sentence
 
 
@@ -53,9 +53,9 @@ def test_each_role_may_do_what_those_before_it_may() -> None:
 
 
 def test_archives_are_few() -> None:
-    assert takes_archive("/v1/restore")
-    assert takes_archive("/v1/modules/import")
-    assert not takes_archive("/v1/modules/import/samples")
+    assert body_limit("/v1/restore") == body_limit("/v1/modules/import") == "archive_bytes"
+    assert body_limit("/v1/modules/import/samples") == body_limit("/v1/modules/CSS/query") == "batch_bytes"
+    assert body_limit("/v1/modules") == body_limit("/v1/robot/stop") == "body_bytes"
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,11 @@ class LimitSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    body_bytes: int = Field(default=32 * 2**20, ge=1024)
-    """Size of a request's body."""
-    archive_bytes: int = Field(default=4 * 2**30, ge=1024)
+    body_bytes: int = Field(default=2**20, ge=1024)
+    """Size of a request's body. None but the two below needs much, and JSON takes a hundred times its size to read."""
+    batch_bytes: int = Field(default=32 * 2**20, ge=1024)
+    """The same for samples and queries."""
+    archive_bytes: int = Field(default=2**30, ge=1024)
     """The same for a module or a store that is read back: POST /v1/modules/import and /v1/restore."""
     requests_per_second: float = Field(default=5000.0, gt=0.0, allow_inf_nan=False)
     """Requests of one token per second; one second's may come at once."""

@@ -18,7 +18,7 @@ from structlog.contextvars import bind_contextvars, reset_contextvars
 
 from handeye.server.access.gate import Gate, check_head
 from handeye.server.access.limits import LimitSettings, size
-from handeye.server.access.roles import OPEN_PATHS, takes_archive
+from handeye.server.access.roles import OPEN_PATHS, body_limit
 from handeye.server.access.tokens import Token
 from handeye.server.metrics import Metrics
 from handeye.server.problem import RequestError, TooLarge, error_sentence, refuse, respond
@@ -78,7 +78,7 @@ class Exchange:
 
     def larger(self) -> TooLarge:
         """The refusal of a body that is too large."""
-        name = "ARCHIVE_BYTES" if takes_archive(self.scope["path"]) else "BODY_BYTES"
+        name = body_limit(self.scope["path"]).upper()
         return TooLarge(
             f"The body is larger than {size(self.most)} ({self.most} bytes), the most that is taken here: send several "
             f"requests, or raise HANDEYE_SERVER_LIMITS__{name} at the server."
@@ -170,8 +170,7 @@ class AccessMiddleware:
                 exchange.token = self._gate.admit(scope["method"], path, authorization, address)
                 scope.setdefault("state", {})["token"] = exchange.token  # for routes: `request.state.token`
                 check_head(path, scope["query_string"], length)
-                limits = self._limits
-                exchange.allow(limits.archive_bytes if takes_archive(path) else limits.body_bytes, declared)
+                exchange.allow(getattr(self._limits, body_limit(path)), declared)
             except RequestError as refusal:
                 await exchange.answer(refusal)
                 return

@@ -15,6 +15,7 @@ STOP = ("POST", "/v1/robot/stop")
 _READING = frozenset({"GET", "HEAD", "OPTIONS"})
 _ADMIN = re.compile(r"/v1/(tokens|backup|restore)(/.*)?", re.DOTALL)
 _QUERY = re.compile(r"/v1/modules/[^/]+/query")
+_BATCH = re.compile(r"/v1/modules/[^/]+/(samples|query)")
 _ARCHIVES = frozenset({"/v1/restore", "/v1/modules/import"})
 
 
@@ -52,9 +53,11 @@ def needed_role(method: str, path: str) -> Role | None:
     return Role.OPERATOR
 
 
-def takes_archive(path: str) -> bool:
-    """Whether the body is a whole module or a whole store, which may be larger than others."""
-    return path in _ARCHIVES
+def body_limit(path: str) -> str:
+    """The name of the limit (`LimitSettings`) on the body: whole modules and stores, samples and queries, all others."""
+    if path in _ARCHIVES:
+        return "archive_bytes"
+    return "batch_bytes" if _BATCH.fullmatch(path) else "body_bytes"
 
 
 def describe(schema: dict[str, Any]) -> None:

@@ -39,7 +39,6 @@ from handeye.server.schemas import (
     SamplesRemoved,
     SamplesRequest,
 )
-from handeye.server.store import modules as stored
 
 router = APIRouter(prefix="/v1/modules", tags=["samples and queries"])
 
@@ -139,15 +138,18 @@ async def add_samples(
     """
     body = await _body(request, SamplesRequest, SAMPLES)
 
-    def work() -> tuple[SamplesAdded, None]:
+    def work() -> Response:
         inputs, outputs, shown = _samples(body)
-        first = coordinator.modules.add(module, inputs, outputs, shown)
-        metrics.samples.labels(module).inc(len(shown))
-        with coordinator.store.read() as connection:
-            total = stored.count(connection, module)
-        return SamplesAdded(first=first, count=len(shown), samples=total), None
 
-    return await to_thread.run_sync(once.reply, work)
+        def write() -> tuple[SamplesAdded, None]:
+            first = coordinator.modules.add(module, inputs, outputs, shown)
+            metrics.samples.labels(module).inc(len(shown))
+            total = coordinator.modules.live(module).samples + len(shown)  # it follows once this is committed
+            return SamplesAdded(first=first, count=len(shown), samples=total), None
+
+        return once.reply(write)
+
+    return await to_thread.run_sync(work)
 
 
 @router.get("/{module}/samples", responses=responses(404))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, and_, delete, func, insert, literal, select
+from sqlalchemy import Connection, and_, delete, func, insert, select
 
 from handeye.modules.answers import TaughtSamples
 from handeye.modules.declaration import ModuleDeclaration
@@ -164,10 +164,20 @@ def modules_with(connection: Connection, demonstration: str) -> tuple[str, ...]:
     return tuple(connection.execute(wanted).scalars())
 
 
+def living(connection: Connection, name: str, numbers: Integers) -> Integers:
+    """Those of the numbers that belong to living samples."""
+    found: list[int] = []
+    for some in _parts(numbers):
+        wanted = select(samples.c.number).where(samples.c.module == name, samples.c.number.in_(some), samples.c.live)
+        found += connection.execute(wanted).scalars()
+    return np.array(found, np.int64)
+
+
 def take_out(connection: Connection, name: str, numbers: Integers) -> None:
     """Takes living samples out. Those that a snapshot has are kept for it, the others are deleted."""
-    _set_live(connection, name, numbers, live=False)
-    _sweep(connection, name)
+    kept = np.intersect1d(numbers, _remembered(connection, name))
+    _set_live(connection, name, kept, live=False)
+    _delete(connection, name, np.setdiff1d(numbers, kept))
 
 
 def snapshot(connection: Connection, module: StoredModule, name: str) -> Snapshot:
@@ -203,20 +213,21 @@ def roll_back(connection: Connection, name: str, snapshot_name: str) -> bool:
     if row is None:
         return False
     wanted, present = snapshot_numbers(row["numbers"]), numbers_of(connection, name)
-    _set_live(connection, name, np.setdiff1d(present, wanted), live=False)
+    take_out(connection, name, np.setdiff1d(present, wanted))
     _set_live(connection, name, np.setdiff1d(wanted, present), live=True)
     change(connection, modules, name, declaration=row["declaration"])
-    _sweep(connection, name)
     return True
 
 
 def drop_snapshot(connection: Connection, name: str, snapshot_name: str) -> bool:
     """Forgets a snapshot, and the samples that only it had; False when there is none."""
-    gone = connection.execute(
-        delete(snapshots).where(snapshots.c.module == name, snapshots.c.name == snapshot_name)
-    ).rowcount
-    _sweep(connection, name)
-    return bool(gone)
+    row = find(connection, snapshots, name, snapshot_name)
+    if row is None:
+        return False
+    connection.execute(delete(snapshots).where(snapshots.c.module == name, snapshots.c.name == snapshot_name))
+    unneeded = np.setdiff1d(snapshot_numbers(row["numbers"]), _remembered(connection, name))
+    _delete(connection, name, np.setdiff1d(unneeded, numbers_of(connection, name)))
+    return True
 
 
 def snapshot_numbers(content: bytes) -> Integers:
@@ -225,8 +236,8 @@ def snapshot_numbers(content: bytes) -> Integers:
 
 
 def _set_live(connection: Connection, name: str, numbers: Integers, *, live: bool) -> None:
-    for start in range(0, len(numbers), _FEW):
-        mine = and_(samples.c.module == name, samples.c.number.in_(numbers[start : start + _FEW].tolist()))
+    for some in _parts(numbers):
+        mine = and_(samples.c.module == name, samples.c.number.in_(some))
         rows = [
             seal(samples, {**row, "live": live}) for row in connection.execute(select(samples).where(mine)).mappings()
         ]
@@ -235,21 +246,22 @@ def _set_live(connection: Connection, name: str, numbers: Integers, *, live: boo
             connection.execute(insert(samples), rows)
 
 
-def _sweep(connection: Connection, name: str) -> None:
-    """Deletes the samples that are neither alive nor in a snapshot."""
-    dead = and_(samples.c.module == name, ~samples.c.live)
-    if connection.execute(select(literal(1)).select_from(samples).where(dead).limit(1)).first() is None:
-        return
-    kept = connection.execute(select(snapshots.c.numbers).where(snapshots.c.module == name)).scalars().all()
-    if not kept:
-        connection.execute(delete(samples).where(dead))
-        return
-    wanted = np.unique(np.concatenate([snapshot_numbers(content) for content in kept]))
-    numbers = np.array(connection.execute(select(samples.c.number).where(dead)).scalars().all(), np.int64)
-    unwanted = np.setdiff1d(numbers, wanted)
-    for start in range(0, len(unwanted), _FEW):
-        some = unwanted[start : start + _FEW].tolist()
+def _delete(connection: Connection, name: str, numbers: Integers) -> None:
+    for some in _parts(numbers):
         connection.execute(delete(samples).where(samples.c.module == name, samples.c.number.in_(some)))
+
+
+def _remembered(connection: Connection, name: str) -> Integers:
+    """The numbers of the samples that the module's snapshots have."""
+    wanted = select(snapshots.c.numbers).where(snapshots.c.module == name)
+    parts = [snapshot_numbers(content) for content in connection.execute(wanted).scalars()]
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *parts]))
+
+
+def _parts(numbers: Integers) -> Iterator[list[int]]:
+    """As many at a time as one statement lists."""
+    for start in range(0, len(numbers), _FEW):
+        yield numbers[start : start + _FEW].tolist()
 
 
 def _vectors(contents: Sequence[bytes], components: int) -> Floats:
