@@ -54,7 +54,7 @@ def needed_role(method: str, path: str) -> Role | None:
 
 
 def body_limit(path: str) -> str:
-    """The name of the limit (`LimitSettings`) on the body: whole modules and stores, samples and queries, all others."""
+    """The name of the limit (`LimitSettings`) on a body: archives, samples and queries, and all others differ."""
     if path in _ARCHIVES:
         return "archive_bytes"
     return "batch_bytes" if _BATCH.fullmatch(path) else "body_bytes"
