@@ -10,7 +10,7 @@ from pydantic import SecretStr
 
 from benchmarks.service.processes import TOKEN
 from handeye.rpc.process import configure_logging
-from handeye.server import problem
+from handeye.server import problem_responses
 from handeye.server.access import Access, LimitSettings, Tokens
 from handeye.server.access.protocol import BoundedProtocol
 from handeye.server.metrics import Metrics
@@ -21,7 +21,7 @@ def main() -> None:
     port, database = int(sys.argv[1]), sys.argv[2]
     configure_logging()
     app = FastAPI()
-    problem.install(app)
+    problem_responses.install(app)
 
     @app.get("/readyz")
     async def ready() -> dict[str, str]:

@@ -124,7 +124,7 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Run:
             "handeye.client.verbs_common.Client",
             lambda url, token: Client(url, token, transport=transport, retries=PATIENCE),
         )
-        group = 2 if arguments[0] in ("module", "job", "token") else 1
+        group = 2 if arguments[0] in ("module", "demonstration", "job", "token") else 1
         return CliRunner().invoke(app, [*arguments[:group], *AT, *arguments[group:]], input=text)
 
     return invoked

@@ -1,8 +1,9 @@
-"""The client's commands that record demonstrations and replay them."""
+"""The client's commands that record demonstrations, replay, show, label and delete them."""
 
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import httpx2
@@ -10,7 +11,7 @@ import pytest
 
 from handeye.client.models import Demonstration, Observation
 from handeye.client.verbs_teaching import Step, WrongStep, retrace
-from tests.client.conftest import ROBOT, Run, job, problem, said, streamed
+from tests.client.conftest import ROBOT, Run, Script, job, problem, said, streamed
 from tests.client.test_calls import DEMONSTRATION
 
 # Recording and replaying
@@ -152,3 +153,56 @@ def test_a_demonstration_is_replayed_under_the_lease(run: Run) -> None:
     assert result.exit_code == 0
     assert "'grasp-1' was replayed in 2 motions." in said(result)
     assert moved == [("move_to_joints", {"joints": [0.5], "pace": {"speed": 0.2}}), ("open_gripper", {})]
+
+
+# What was shown
+
+
+def test_demonstrations_are_listed(run: Run) -> None:
+    page = {"demonstrations": [DEMONSTRATION, {**DEMONSTRATION, "id": "grasp-2", "outcome": "failure"}], "next": None}
+    words = said(run(Script(httpx2.Response(200, json=page)), "demonstration", "list"))
+    assert re.search(r"grasp-1 grasp cup recording – 0 0 2026-.* grasp-2 grasp cup recording failure 0 0 2026-", words)
+    nothing = httpx2.Response(200, json={"demonstrations": [], "next": None})
+    assert said(run(Script(nothing), "demonstration", "list")) == "Demonstrations: none"
+
+
+def test_a_demonstration_shows_all_that_was_observed(run: Run) -> None:
+    shown = {**shown_with(("grasp", "close_gripper")).model_dump(mode="json"), "outcome": "success"}
+    seen = [observed(0, "grasp", 0.5), observed(1, "grasp", -0.25, goal=True)]
+    coordinator = Script(
+        httpx2.Response(200, json=shown),
+        httpx2.Response(200, json={"observations": [each.model_dump(mode="json") for each in seen]}),
+    )
+    words = said(run(coordinator, "demonstration", "show", "grasp-1"))
+    assert "Demonstration 'grasp-1' of task 'grasp' with 'cup': recording, success" in words
+    assert "grasp close_gripper" in words
+    assert "0 grasp – 0 object 0.0 0.0 0.0 0.5000 hand" in words
+    assert "1 grasp goal 0 object 0.0 0.0 0.0 -0.2500 hand" in words
+
+
+@pytest.mark.parametrize(
+    ("given", "outcome", "message"),
+    [("success", "success", "is labelled a success"), ("none", None, "has no label")],
+)
+def test_a_demonstration_is_labelled(run: Run, given: str, outcome: str | None, message: str) -> None:
+    coordinator = Script(httpx2.Response(200, json={**DEMONSTRATION, "outcome": outcome}))
+    words = said(run(coordinator, "demonstration", "label", "grasp-1", given))
+    assert f"Demonstration 'grasp-1' {message}; the next `handeye train grasp` goes by it." in words
+    (request,) = coordinator.asked
+    assert (request.method, request.url.path) == ("PATCH", "/v1/demonstrations/grasp-1")
+    assert json.loads(request.content) == {"outcome": outcome}
+
+
+def test_no_other_label_is_taken(run: Run) -> None:
+    coordinator = Script(httpx2.Response(500))
+    assert run(coordinator, "demonstration", "label", "grasp-1", "middling").exit_code == 2
+    assert not coordinator.asked
+
+
+def test_a_demonstration_is_deleted_when_it_is_meant(run: Run) -> None:
+    coordinator = Script(httpx2.Response(204))
+    assert run(coordinator, "demonstration", "delete", "grasp-1", text="n\n").exit_code == 1
+    assert not coordinator.asked
+    assert "'grasp-1' is deleted" in said(run(coordinator, "demonstration", "delete", "grasp-1", "--yes"))
+    (request,) = coordinator.asked
+    assert (request.method, request.url.path) == ("DELETE", "/v1/demonstrations/grasp-1")

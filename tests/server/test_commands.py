@@ -115,6 +115,22 @@ def test_a_person_records_and_the_robot_does_it(lab: Lab, run: Run) -> None:
     run("reset")
 
 
+def test_what_was_shown_is_labelled_and_deleted(lab: Lab, run: Run) -> None:
+    lab.teach(lab.places)
+    shown = run("demonstration", "show", "grasp-1")
+    assert "Demonstration 'grasp-1' of task 'grasp' with 'blue cup': finished" in shown
+    assert "close_gripper" in shown
+    assert "goal" in shown
+    assert "is labelled a failure" in run("demonstration", "label", "grasp-1", "failure")
+    assert re.search(r"grasp-1 .*failure", run("demonstration", "list"))
+    trained = run("train", "grasp")
+    assert f"from {len(lab.places) - 1} demonstrations" in trained
+    assert "has no label" in run("demonstration", "label", "grasp-1", "none")
+    run("demonstration", "delete", "grasp-1", "--yes")
+    assert not re.search(r"grasp-1\b", run("demonstration", "list"))
+    assert "grasp-2" in run("demonstration", "list")
+
+
 def test_tokens(run: Run) -> None:
     made = run("token", "create", "guest", "--role", "viewer", "--days", "2")
     number = re.search(r"Token (\S+) of 'guest'", made)

@@ -114,6 +114,12 @@ class Known:
     size: int = 0
     snapshots: dict[str, tuple[ModuleDeclaration, dict[int, Row]]] = field(default_factory=dict)
 
+    def erase(self, demonstration: str) -> None:
+        """The demonstration is deleted: its samples are gone from the module and its snapshots."""
+        for rows in (self.rows, *(rows for _, rows in self.snapshots.values())):
+            for number in [number for number, row in rows.items() if row[2] == demonstration]:
+                del rows[number]
+
 
 class Lives(RuleBasedStateMachine):
     """A live module beside a plain dictionary."""
@@ -161,10 +167,12 @@ class Lives(RuleBasedStateMachine):
 
     @rule(demonstration=st.sampled_from([name for name in DEMONSTRATIONS if name]), everywhere=st.booleans())
     def untrain(self, demonstration: str, everywhere: bool) -> None:
-        gone = [number for number, row in self.known.rows.items() if row[2] == demonstration]
         if everywhere:
             self.modules.forget_demonstration(demonstration)
-        elif gone:
+            self.known.erase(demonstration)
+            return
+        gone = [number for number, row in self.known.rows.items() if row[2] == demonstration]
+        if gone:
             assert self.modules.untrain(NAME, demonstration) == len(gone)
         else:
             with pytest.raises(NotFound):
@@ -264,7 +272,7 @@ class Lives(RuleBasedStateMachine):
         self.known.rows |= dict(enumerate(rows, first))
         self.known.size += count
         del self.known.rows[first]
-        self.known.rows = {number: row for number, row in self.known.rows.items() if row[2] != "b-1"}
+        self.known.erase("b-1")
 
     def is_fresh(self) -> None:
         """Support and expected errors too are those of a module that is made of the samples at once."""

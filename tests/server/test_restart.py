@@ -12,12 +12,17 @@ import pytest
 from handeye.modules.declaration import ModuleDeclaration
 from handeye.modules.ijs import DECLARATION
 from handeye.server.livemodules import LiveModules
+from handeye.server.store.backup import backup
+from handeye.server.store.check import verify
 from tests.server.conftest import asking, open_lab
 from tests.server.rest import NPZ, declaration, done, packed, samples, taught
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from starlette.testclient import TestClient
 
+    from handeye.server.jobs import Job
     from handeye.server.store import Store
 
 QUERIES = taught(30, seed=8)[0]
@@ -114,3 +119,39 @@ def test_a_module_made_while_the_others_are_loaded_is_not_lost(store: Store) -> 
     fresh.load(lambda _share: maker.start())
     maker.join(10.0)
     assert fresh.live("old").samples == fresh.live("new").samples == 0
+
+
+def test_a_deleted_demonstration_stays_away_when_a_snapshot_comes_back(store: Store) -> None:
+    with open_lab(store) as lab, asking(lab) as http:
+        lab.teach([(220.0, 300.0), (260.0, 340.0)])
+        lab.train()
+        kept = done(http.post("/v1/modules/IJS.grasp/snapshots", json={"name": "both"}), 201)["samples"]
+        assert http.delete("/v1/demonstrations/grasp-1").status_code == 204
+        assert done(http.get("/v1/modules/IJS.grasp/snapshots"))["snapshots"][0]["samples"] < kept
+        done(http.post("/v1/modules/IJS.grasp/snapshots/both/rollback"))
+        left = done(http.get("/v1/modules/IJS.grasp/samples", params={"limit": 1000}))["samples"]
+        assert {each["demonstration"] for each in left} == {"grasp-2"}
+    assert verify(store.engine.url.render_as_string(hide_password=False)) == []
+
+
+def test_what_a_backup_did_not_have_is_forgotten(store: Store, tmp_path: Path) -> None:
+    with open_lab(store) as lab, asking(lab) as http:
+        release, began = threading.Event(), threading.Event()
+
+        def work(_job: Job) -> None:
+            began.set()
+            release.wait(30.0)
+
+        job = lab.coordinator.jobs.start("train", "grasp", None, work, acts=False)
+        assert began.wait(10.0)
+        backup(store, tmp_path / "backup.db")
+        content = (tmp_path / "backup.db").read_bytes()
+        refused = http.post("/v1/restore", content=content)
+        assert (refused.status_code, refused.json()["code"]) == (409, "busy")
+        release.set()
+        assert job.wait(10.0)
+        lab.teach([(220.0, 300.0)])
+        assert set(lab.sight.learned) == {"blue cup"}
+        assert done(http.post("/v1/restore", content=content)) == {"modules": 0, "samples": 0}
+        assert lab.sight.learned == {}
+        assert done(http.get(f"/v1/jobs/{job.id}"))["state"] == "interrupted"

@@ -33,7 +33,7 @@ KNOWN = {
     "server": RoleVerbs(("server", "verify", "repair"), "server"),
     "client": RoleVerbs(
         (
-            *("module", "train", "query", "run", "record", "replay"),
+            *("module", "train", "query", "run", "record", "replay", "demonstration"),
             *("job", "token", "backup", "restore", "stop", "reset"),
         ),
         "client",

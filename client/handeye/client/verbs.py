@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from handeye.client import verbs_admin, verbs_job, verbs_learning, verbs_module, verbs_teaching
+from handeye.client import verbs_admin, verbs_demonstration, verbs_job, verbs_learning, verbs_module, verbs_teaching
 from handeye.client.models import JobEvent, RunJob
 from handeye.client.verbs_common import Token, Url, connect, signals_unwind
 
 
 def register(app: typer.Typer) -> None:
     """Adds the client's verbs to the `handeye` command."""
-    for part in (verbs_module, verbs_learning, verbs_teaching, verbs_job, verbs_admin):
+    for part in (verbs_module, verbs_learning, verbs_teaching, verbs_demonstration, verbs_job, verbs_admin):
         part.register(app)
     app.command()(run)
     app.command()(stop)

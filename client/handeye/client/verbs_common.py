@@ -19,7 +19,7 @@ from rich.text import Text
 
 from handeye.client import Client
 from handeye.client.connection import find
-from handeye.client.models import JobEvent, OnEvent
+from handeye.client.models import JobEvent, OnEvent, Point
 
 Url = Annotated[str, typer.Option(envvar="HANDEYE_URL", help="The coordinator; default: the one of `handeye up`.")]
 Token = Annotated[str, typer.Option(envvar="HANDEYE_TOKEN", help="Its token; default: the one of `handeye up`.")]
@@ -58,6 +58,16 @@ def _cell(value: object) -> str:
     if isinstance(value, tuple):
         return " ".join(map(_cell, value))
     return str(value)
+
+
+def spelled(values: Iterable[float], digits: int) -> str:
+    """Numbers with so many digits after the point, for a cell."""
+    return " ".join(f"{value:{digits + 3}.{digits}f}" for value in values)
+
+
+def seen(object_at: Point, hand_at: Point) -> str:
+    """Where object and hand were in the pictures, in two lines of a cell."""
+    return f"object {spelled(object_at, 1)}\nhand   {spelled(hand_at, 1)}"
 
 
 @contextmanager

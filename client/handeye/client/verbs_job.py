@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from handeye.client.models import Job, Look, RunJob, SubtaskResult
-from handeye.client.verbs_common import Token, Url, connect, show
+from handeye.client.verbs_common import Token, Url, connect, seen, show, spelled
 
 _NAMED = 3
 """So many of the nearest demonstrations are named per look."""
@@ -80,8 +80,8 @@ def _row(look: Look) -> tuple[object, ...]:
     return (
         look.number,
         round(look.world_time, 2),
-        f"object {_spelled(look.object, 1)}\nhand   {_spelled(look.hand, 1)}",
-        f"answer {_spelled(look.delta, 4)}\nmoved  {_spelled(look.moved, 4) or '–'}",
+        seen(look.object, look.hand),
+        f"answer {spelled(look.delta, 4)}\nmoved  {spelled(look.moved, 4) or '–'}",
         round(look.support, 2),
         "\n".join(_reasons(look)),
     )
@@ -95,7 +95,3 @@ def _reasons(look: Look) -> Iterator[str]:
         weights[name] = weights.get(name, 0.0) + neighbour.weight
     for name, weight in sorted(weights.items(), key=lambda each: -each[1])[:_NAMED]:
         yield f"{name} ({weight:.0%})"
-
-
-def _spelled(values: tuple[float, ...], digits: int) -> str:
-    return " ".join(f"{value:{digits + 3}.{digits}f}" for value in values)

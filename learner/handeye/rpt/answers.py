@@ -116,9 +116,10 @@ class Answer:
     @property
     def expected_error(self) -> Floats:
         """(M,) what the error of each output should not exceed in nine of ten cases (`Calibration`)."""
-        scaled = np.atleast_2d(self._rows[..., -len(self._source.components) :])
-        expected = self._source.calibration.expected_errors(scaled)
-        return expected if self._rows.ndim == 2 else expected[0]
+        scaled = self._rows[..., -len(self._source.components) :]
+        one = scaled.ndim == 1
+        expected = self._source.calibration.expected_errors(scaled[np.newaxis] if one else scaled)
+        return expected[0] if one else expected
 
     def nearest(self, most: int | None = None) -> list[NeighbourOf]:
         """The nearest `most` neighbours of an answer to one query, all when None, as plain numbers."""

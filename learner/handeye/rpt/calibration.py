@@ -62,14 +62,16 @@ class Calibration:
 
     def expected_errors(self, queries: Floats) -> Floats:
         """(q, p) for scaled queries (q, d)."""
-        expected = np.full((len(queries), self.residuals.shape[1]), np.inf)
-        if self.anchors is not None:
-            arenas, nearby = self.anchors.arenas, min(NEARBY, self.anchors.samples)
-            limit = arenas.integers[layout.SAMPLES]
-            known = (self.residuals, self.floor, self.quantile)
-            # A row of an answer has its query among other things.
-            rows = np.ascontiguousarray(queries)
-            expect(rows, arenas.integers, arenas.floats, limit, nearby, *known, expected)
+        shape = (len(queries), self.residuals.shape[1])
+        if self.anchors is None:
+            return np.full(shape, np.inf)
+        expected = np.empty(shape)
+        arenas, nearby = self.anchors.arenas, min(NEARBY, self.anchors.samples)
+        limit = arenas.integers[layout.SAMPLES]
+        known = (self.residuals, self.floor, self.quantile)
+        # A row of an answer has its query among other things.
+        rows = np.ascontiguousarray(queries)
+        expect(rows, arenas.integers, arenas.floats, limit, nearby, *known, expected)
         return expected
 
 

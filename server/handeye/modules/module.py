@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +69,14 @@ class Module:
         }
         module._learned = learned._replace(model=Model.from_state(plain | {"size": size}, arrays))
         return module
+
+    @cached_property
+    def operations(self) -> int:
+        """About how many multiplications an answer takes at most; finding neighbours is not among them."""
+        inputs, settings = len(self.declaration.inputs), self.declaration.approximator
+        terms = {"local_linear": inputs + 1, "local_quadratic": (inputs + 1) * (inputs + 2) // 2}
+        fitted, k = terms.get(settings.method, 1), settings.most_neighbours
+        return fitted * fitted * (k + fitted) + k * inputs * (len(self.declaration.outputs) + 1)
 
     @property
     def samples(self) -> int:
@@ -136,17 +145,21 @@ class Module:
         row = np.array(query, dtype=np.float64)
         if row.ndim != 1:
             raise ValueError(f"a query is one vector, not of shape {row.shape}")
-        rows = self._rows(row[np.newaxis], len(self.declaration.inputs), "a query")
         model, names, _ = self._learned
+        if len(row) != model.components:
+            self._rows(row[np.newaxis], model.components, "a query")  # raises
         try:
-            said = model.answer(rows[0])
+            said = model.answer(row)
         except NotTaught as nothing:
-            raise NotTaught(self._nothing_for(rows, model)) from nothing
+            raise NotTaught(self._nothing_for(row[np.newaxis], model)) from nothing
         near = said.nearest(None if neighbours is None else max(neighbours, 1))
-        support = self._support_of(model, tuple(row[list(model.categorical)].tolist())).of_one(near[0].distance)
+        category = tuple(row[list(model.categorical)].tolist()) if model.categorical else ()
+        support = self._support_of(model, category).of_one(near[0].distance)
         told = tuple(
-            Neighbour(number, None if group >= _OWN else names[group], distance, weight)
-            for number, group, distance, weight in near[:neighbours]
+            [
+                Neighbour(number, None if group >= _OWN else names[group], distance, weight)
+                for number, group, distance, weight in near[:neighbours]
+            ]
         )
         return Answer(said.output, told, support, said.expected_error)
 

@@ -58,7 +58,7 @@ def ask(module: Module, queries: Floats, most: int) -> Answers:
 
 
 def ask_one(module: Module, query: Sequence[float], most: int) -> bytes:
-    """The JSON of `schemas.AnswerList` for one query; raises as `ask` does.
+    """The JSON of `schemas.samples.AnswerList` for one query; raises as `ask` does.
 
     The way of a controller that asks again and again: by arrays it would take several times as long.
     """
@@ -88,11 +88,7 @@ def ask_one(module: Module, query: Sequence[float], most: int) -> bytes:
 
 def quick(module: Module, count: int) -> bool:
     """Whether so many queries are answered before a thread is found for them."""
-    inputs, k = len(module.declaration.inputs), _neighbours(module)
-    method = module.declaration.approximator.method
-    terms = {"local_linear": inputs + 1, "local_quadratic": (inputs + 1) * (inputs + 2) // 2}.get(method, 1)
-    operations = count * (terms * terms * (k + terms) + k * inputs * (len(module.declaration.outputs) + 1))
-    return count <= _QUICK_QUERIES and operations <= _QUICK
+    return count <= _QUICK_QUERIES and count * module.operations <= _QUICK
 
 
 def _neighbours(module: Module) -> int:
@@ -107,7 +103,7 @@ def _numbers(module: Module) -> int:
 
 
 def to_json(answers: Answers) -> bytes:
-    """The JSON of `schemas.AnswerList`. An expected error that is not known is infinite, hence null."""
+    """The JSON of `schemas.samples.AnswerList`. An expected error that is not known is infinite, hence null."""
     count = len(answers.outputs)
     at_once = max(1, _TOLD_AT_ONCE // max(1, answers.samples.shape[1]))
     pieces = (orjson.dumps(_told(answers, slice(i, i + at_once)))[1:-1] for i in range(0, count, at_once))

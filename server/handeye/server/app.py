@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
-from handeye.server import problem
+from handeye.server import problem_responses
 from handeye.server.access import Access
 from handeye.server.access.roles import describe
 from handeye.server.coordinator import Coordinator
@@ -27,7 +27,7 @@ from handeye.server.routes import (
     tasks,
     tokens,
 )
-from handeye.server.schemas import QueryRequest, SamplesRequest
+from handeye.server.schemas.samples import QueryRequest, SamplesRequest
 
 # What is asked most stands first: routes are tried in this order.
 _PARTS = (
@@ -67,7 +67,8 @@ def routes_only() -> FastAPI:
         redoc_url=None,
         generate_unique_id_function=lambda route: route.name,  # generated clients name their calls by it
     )
-    problem.install(app)
+    problem_responses.install(app)
+    app.router.routes.insert(0, samples.QUERY)
     for part in _PARTS:
         app.include_router(part.router)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's documented way to extend the schema
@@ -79,7 +80,7 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
     if app.openapi_schema is None:
         schema = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=app.routes)
         components = schema.setdefault("components", {})
-        models = problem.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+        models = problem_responses.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
         schemas = components.setdefault("schemas", {})
         schemas.update(models.pop("$defs", {}), Problem=models)
         # The routes that take these read the body themselves: it may also come as arrays.

@@ -17,7 +17,8 @@ from pydantic import ValidationError
 from handeye.modules.answers import Answers, TaughtSamples
 from handeye.modules.declaration import ModuleDeclaration
 from handeye.server.problem import Invalid, Malformed, RequestError
-from handeye.server.schemas import LONG_NAME, NewModule
+from handeye.server.schemas.base import LONG_NAME
+from handeye.server.schemas.modules import NewModule
 from handeye.server.store.modules import StoredModule
 
 MEDIA_TYPE = "application/x-npz"

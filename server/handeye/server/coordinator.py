@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 from pydantic import ValidationError
 
@@ -28,6 +29,7 @@ from handeye.server.settings import ServerSettings
 from handeye.server.statistics import module_statistics
 from handeye.server.store import Store
 from handeye.server.store import jobs as stored_jobs
+from handeye.server.store.backup import restore
 from handeye.server.training import Tasks, TrainRequest
 
 
@@ -69,6 +71,20 @@ class Coordinator:
         for taught in self.objects.all():
             progress(f"object '{taught.name}' is being learned from its pictures")
             self.objects.restore(taught.name)
+
+    def restore(self, path: Path) -> None:
+        """Puts a backup in the place of everything but the tokens, all or nothing, and answers by it.
+
+        `Busy` while a job is under way or somebody has control; otherwise raises as `store.backup.restore` does.
+        """
+        with self.store.write():  # meanwhile nobody starts a job
+            self.require_idle()
+            before = self.objects.all()
+            restore(self.store, path)
+            self.jobs.interrupt()  # those that were under way when the backup was made
+        self.load()
+        for name in {each.name for each in before} - {each.name for each in self.objects.all()}:
+            self.objects.restore(name)  # forgets it
 
     def close(self) -> None:
         """Gives control back and ends the jobs; robot, cameras and store stay their owner's to close."""

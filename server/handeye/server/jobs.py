@@ -211,7 +211,7 @@ class Jobs:
         self._closed = False
         self._lock = threading.RLock()
         self._turn = threading.Semaphore(1)
-        self._interrupt()
+        self.interrupt()
 
     def start(
         self, kind: Kind, subject: str, object_name: str | None, work: Callable[[Job], None], *, acts: bool
@@ -330,11 +330,13 @@ class Jobs:
             ]
         return Job(self._store, row, events)
 
-    def _interrupt(self) -> None:
-        """Says of the jobs that an earlier process did not end that they were interrupted."""
+    def interrupt(self) -> None:
+        """Says of the jobs that an earlier process did not end, or that a backup has so, that they were interrupted."""
         with self._store.read() as connection:
             names = [row["id"] for row in stored.unfinished(connection)]
         for name in names:
+            if self.under_way(name):
+                continue
             message = (
                 "The coordinator ended while the job was under way; the robot stopped by itself. The result has what "
                 "was done until then."

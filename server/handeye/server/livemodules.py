@@ -187,17 +187,23 @@ class LiveModules:
             return self._take_out(name, numbers)
 
     def forget_demonstration(self, demonstration: str) -> None:
-        """Takes a demonstration's samples out of every module."""
+        """Takes a demonstration's samples out of every module, and of the snapshots: no rollback brings them back."""
         with self._store.write() as connection:
             for name in stored.modules_with(connection, demonstration):
-                self._take_out(name, stored.numbers_of(connection, name, demonstration))
+                self._forget(name, stored.numbers_of(connection, name, demonstration))
+                stored.erase(connection, name, demonstration)
 
     def _take_out(self, name: str, numbers: Integers) -> int:
         with self._store.write() as connection:
-            self._check_loaded()
+            self._forget(name, numbers)
             stored.take_out(connection, name, numbers)
-            self._store.afterwards(lambda: self._follow(name, lambda module: module.forget(numbers)))
             return len(numbers)
+
+    def _forget(self, name: str, numbers: Integers) -> None:
+        """Makes the module in memory follow: samples are on their way out of the store."""
+        self._check_loaded()
+        if len(numbers):
+            self._store.afterwards(lambda: self._follow(name, lambda module: module.forget(numbers)))
 
     def replace(
         self,

@@ -6,7 +6,7 @@ from handeye.modules.module import Module
 from handeye.rpt import NotTaught
 from handeye.server.problem import NotFound
 from handeye.server.results import CategoryInfo, ModuleStatistics
-from handeye.server.schemas import TreeInfo, TreeNode
+from handeye.server.schemas.modules import TreeInfo, TreeNode
 
 MOST_NODES = 20_000
 """Nodes that a drawing is given, breadth first."""

@@ -16,7 +16,7 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 from starlette.testclient import TestClient
 
-from handeye.server import problem
+from handeye.server import problem_responses
 from handeye.server.access import Access, LimitSettings, Role, Tokens
 from handeye.server.metrics import Metrics
 from handeye.server.store import Store
@@ -40,7 +40,7 @@ async def _drops() -> AsyncIterator[bytes]:
 
 def small_app(access: Access) -> FastAPI:
     app = FastAPI(openapi_url="/v1/openapi.json")
-    problem.install(app)
+    problem_responses.install(app)
     access.install(app)
 
     @app.get("/healthz")
@@ -146,7 +146,7 @@ def sentence(response: Any, status: int, code: str) -> str:
     """Checks that `response` is a problem (RFC 9457) and returns its sentence."""
     assert response.status_code == status, response.text
     assert response.headers["content-type"] == "application/problem+json"
-    found = problem.Problem.model_validate(response.json())
+    found = problem_responses.Problem.model_validate(response.json())
     assert (found.status, found.code) == (status, code)
     return found.detail
 

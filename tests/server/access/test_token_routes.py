@@ -11,7 +11,7 @@ from fastapi import FastAPI
 from prometheus_client.parser import text_string_to_metric_families
 from starlette.testclient import TestClient
 
-from handeye.server import problem
+from handeye.server import problem_responses
 from handeye.server.access import Access, Role
 from handeye.server.routes import Lanes, health, tokens
 from handeye.server.store import Store
@@ -22,7 +22,7 @@ from tests.server.access.conftest import Site, sentence
 def site(store: Store) -> Site:
     site = Site(store)
     app = FastAPI()
-    problem.install(app)
+    problem_responses.install(app)
     Access(site.tokens, site.limits, site.metrics).install(app)
     app.include_router(health.router)
     app.include_router(tokens.router)
@@ -85,7 +85,7 @@ def test_the_last_admin_s_token_stays(store: Store) -> None:
     site = Site(store, configured=None)
     secret = site.secret(Role.ADMIN)
     app = FastAPI()
-    problem.install(app)
+    problem_responses.install(app)
     Access(site.tokens, site.limits, site.metrics).install(app)
     app.include_router(tokens.router)
     site.app = app

@@ -11,7 +11,7 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import inspect, select, text
+from sqlalchemy import NullPool, create_engine, inspect, select, text
 
 from handeye.server.store import Store, StoreBusy, StoreError, rows, upgrade
 from handeye.server.store.engine import connect, parse
@@ -177,6 +177,22 @@ class TestTransactions:
             row = rows.find(connection, counters, "shared")
         assert row is not None
         assert row["next"] == 80
+
+    def test_a_lost_connection_costs_neither_the_store_nor_its_owner(self, postgres_url: str) -> None:
+        others = text("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()")
+        with Store.open(postgres_url) as store:
+            admin = create_engine(store.engine.url, isolation_level="AUTOCOMMIT", poolclass=NullPool)
+            with admin.connect() as connection:
+                connection.execute(others)
+            put(store, "a", 1)
+            with pytest.raises(StoreBusy):
+                Store.open(postgres_url)
+            with admin.connect() as connection:
+                connection.execute(others)
+                connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": 0x68616E64})
+                with pytest.raises(StoreBusy, match="another process"):
+                    put(store, "b", 2)
+            put(store, "b", 2)
 
     def test_every_connection_waits_for_the_disk_and_leaves_nothing_deleted_on_it(self, store: Store) -> None:
         if store.engine.dialect.name != "sqlite":

@@ -10,8 +10,8 @@ from sqlalchemy import Table
 
 from handeye.server.store import Store
 from handeye.server.store.mending import mended
-from handeye.server.store.reading import damage, kind_of
-from handeye.server.store.rows import add, change, checksum, find, put, seal
+from handeye.server.store.reading import damage
+from handeye.server.store.rows import add, change, checksum, find, kind_of, put, seal
 from handeye.server.store.tables import counters, demonstrations, metadata, observations, samples
 
 TABLES = list(metadata.sorted_tables)
@@ -50,6 +50,21 @@ class TestChecksum:
         column = data.draw(st.sampled_from(list(table.columns)[:-1]))
         other = data.draw(VALUES[kind_of(column)].filter(lambda value: repr(value) != repr(row[column.name])))
         assert damage(table, {**row, column.name: other}) is not None
+
+    @pytest.mark.parametrize(("name", "value"), [("created", 1), ("finished", 1), ("number", True), ("id", b"a-1")])
+    def test_what_would_be_read_back_as_something_else_is_refused(self, name: str, value: object) -> None:
+        row = {
+            "id": "a-1",
+            "task": "a",
+            "object": "cup",
+            "number": 1,
+            "finished": True,
+            "outcome": None,
+            "created": 1.0,
+        }
+        assert damage(demonstrations, seal(demonstrations, row)) is None
+        with pytest.raises(TypeError, match=f"demonstrations.{name} takes"):
+            seal(demonstrations, {**row, name: value})
 
     def test_values_do_not_run_together(self) -> None:
         one = {"demonstration": "a", "number": 1, "content": "bc"}

@@ -21,7 +21,8 @@ from handeye.server.access.limits import LimitSettings, size
 from handeye.server.access.roles import OPEN_PATHS, body_limit
 from handeye.server.access.tokens import Token
 from handeye.server.metrics import Metrics
-from handeye.server.problem import RequestError, TooLarge, error_sentence, refuse, respond
+from handeye.server.problem import RequestError, TooLarge, error_sentence
+from handeye.server.problem_responses import refuse, respond
 
 CLIENT_LEFT = 499
 """The status that log and metrics have for a request whose caller left before the answer; nobody receives it."""

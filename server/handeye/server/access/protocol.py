@@ -5,7 +5,8 @@ from __future__ import annotations
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 
 from handeye.server.access.limits import HEAD_BYTES, size
-from handeye.server.problem import HeadTooLarge, Malformed, RequestError, refuse
+from handeye.server.problem import HeadTooLarge, Malformed, RequestError
+from handeye.server.problem_responses import refuse
 
 
 class BoundedProtocol(HttpToolsProtocol):

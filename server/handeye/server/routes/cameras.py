@@ -17,9 +17,10 @@ from handeye.server.arrays import NPY_MEDIA_TYPE, npy
 from handeye.server.coordinator import Coordinator
 from handeye.server.metrics import Metrics
 from handeye.server.pictures import jpeg, png
-from handeye.server.problem import TooManyRequests, responses
+from handeye.server.problem import TooManyRequests
+from handeye.server.problem_responses import responses
 from handeye.server.routes import CameraLaneDep, CoordinatorDep, Lane, Lanes, LanesDep, MetricsDep
-from handeye.server.schemas import LATEST
+from handeye.server.schemas.base import LATEST
 
 Camera = Literal["left", "right", "observer"]
 
@@ -37,7 +38,7 @@ _STREAMS = 4  # at a time: each keeps the cameras busy
     "/{camera}/frame",
     response_class=Response,
     responses={
-        **responses(502, 503, 504),
+        **responses(502, 504),
         200: {"description": "A picture.", "content": dict.fromkeys(_ENCODERS, _BINARY)},
     },
 )

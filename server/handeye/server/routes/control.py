@@ -12,12 +12,12 @@ from handeye.robot_bridge.driver import Pace, RobotState
 from handeye.server.control import SILENCE_LIMIT, Move
 from handeye.server.coordinator import Coordinator
 from handeye.server.jobs import Job
-from handeye.server.problem import responses
+from handeye.server.problem_responses import responses
 from handeye.server.results import HeadInfo, JobView
 from handeye.server.routes import CoordinatorDep
 from handeye.server.routes.once import Once, OnceDep
 from handeye.server.routes.robot import robot_info
-from handeye.server.schemas import (
+from handeye.server.schemas.robot import (
     AdjustJoints,
     Advance,
     HeadDescription,
@@ -38,7 +38,7 @@ ControlLease = Annotated[
     str, Header(alias="Control-Lease", max_length=100, description="The lease that POST /v1/robot/lease gave.")
 ]
 
-_MOVES = responses(409, 502, 503, 504)
+_MOVES = responses(409, 502, 504)
 _PACED = Paced()
 
 
@@ -67,7 +67,7 @@ def give_control_back(control_lease: ControlLease, coordinator: CoordinatorDep) 
     coordinator.control.release(control_lease)
 
 
-@router.get("/robot/description", responses=responses(502, 503, 504))
+@router.get("/robot/description", responses=responses(502, 504))
 def describe_robot(coordinator: CoordinatorDep) -> RobotDescriptionInfo:
     """What the robot is: joints with their limits, park position, gripper, clock."""
     robot = coordinator.robot.description
@@ -146,7 +146,7 @@ def advance(control_lease: ControlLease, request: Advance, coordinator: Coordina
     )
 
 
-@router.get("/head", responses=responses(502, 503, 504))
+@router.get("/head", responses=responses(502, 504))
 def get_head(coordinator: CoordinatorDep) -> HeadDescription:
     """Where the head points, and how far it can turn."""
     head = coordinator.control.head

@@ -9,10 +9,10 @@ from anyio import to_thread
 from fastapi import APIRouter, Response
 
 from handeye.server.demonstration import Demonstration, Observation
-from handeye.server.problem import responses
+from handeye.server.problem_responses import responses
 from handeye.server.routes import CameraLaneDep, CoordinatorDep, Cursor, Limit, cursor_at, place
 from handeye.server.routes.once import OnceDep
-from handeye.server.schemas import (
+from handeye.server.schemas.demonstrations import (
     ActionRequest,
     DemonstrationInfo,
     DemonstrationPage,
@@ -63,7 +63,7 @@ def judge_demonstration(
     return _info(coordinator.demonstrations.judge(demonstration_id, request.outcome))
 
 
-@router.delete("/{demonstration_id}", status_code=204, responses=responses(404, 503))
+@router.delete("/{demonstration_id}", status_code=204, responses=responses(404))
 def delete_demonstration(demonstration_id: str, coordinator: CoordinatorDep) -> None:
     """Deletes a demonstration, and its samples from every module: the next query does not know them."""
     coordinator.untrain(demonstration_id)
@@ -80,7 +80,7 @@ def list_observations(demonstration_id: str, coordinator: CoordinatorDep) -> Obs
     "/{demonstration_id}/observations",
     status_code=201,
     response_model=ObservationInfo,
-    responses=responses(404, 409, 502, 503, 504),
+    responses=responses(404, 409, 502, 504),
 )
 async def add_observation(
     demonstration_id: str,

@@ -6,9 +6,9 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, PlainTextResponse
 from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
-from handeye.server.problem import just, respond, responses
+from handeye.server.problem_responses import just, respond, responses
 from handeye.server.routes import CoordinatorDep, LanesDep
-from handeye.server.schemas import Health
+from handeye.server.schemas.service import Health
 
 router = APIRouter(tags=["health"])
 

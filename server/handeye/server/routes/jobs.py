@@ -10,10 +10,11 @@ from fastapi import APIRouter, Depends, Header, Path, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from handeye.server.jobs import Job
-from handeye.server.problem import NotFound, picture_responses, responses
+from handeye.server.problem import NotFound
+from handeye.server.problem_responses import picture_responses, responses
 from handeye.server.results import JobView
 from handeye.server.routes import CoordinatorDep, Cursor, Limit, cursor_at, place
-from handeye.server.schemas import JobPage
+from handeye.server.schemas.tasks import JobPage
 from handeye.server.store import jobs as stored
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])

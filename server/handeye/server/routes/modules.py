@@ -10,11 +10,13 @@ from fastapi import APIRouter, Query, Request, Response
 
 from handeye.server.arrays import MEDIA_TYPE, exported, imported
 from handeye.server.coordinator import Coordinator
-from handeye.server.problem import UnsupportedMediaType, responses
+from handeye.server.problem import UnsupportedMediaType
+from handeye.server.problem_responses import responses
 from handeye.server.results import JobView, ModuleStatistics
 from handeye.server.routes import CoordinatorDep, Cursor, Limit, MetricsDep, cursor_at, media_type, place
 from handeye.server.routes.once import OnceDep
-from handeye.server.schemas import ModuleInfo, ModuleName, ModulePage, NewModule, RetrainRequest, TreeInfo
+from handeye.server.schemas.base import ModuleName
+from handeye.server.schemas.modules import ModuleInfo, ModulePage, NewModule, RetrainRequest, TreeInfo
 from handeye.server.statistics import tree_of
 from handeye.server.store import modules as stored
 from handeye.server.store.modules import StoredModule
@@ -72,13 +74,13 @@ def train_module(
     return once.reply(work, 202)
 
 
-@router.get("/{module}/statistics", responses=responses(404, 503))
+@router.get("/{module}/statistics", responses=responses(404))
 def get_statistics(module: ModuleName, coordinator: CoordinatorDep) -> ModuleStatistics:
     """What a module learned, for each combination of categories."""
     return coordinator.statistics(module)
 
 
-@router.get("/{module}/tree", responses=responses(404, 503))
+@router.get("/{module}/tree", responses=responses(404))
 def get_tree(
     module: ModuleName,
     coordinator: CoordinatorDep,

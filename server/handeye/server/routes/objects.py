@@ -8,10 +8,11 @@ from fastapi import APIRouter, Response
 
 from handeye.server.coordinator import Coordinator
 from handeye.server.objects import Kind, TaughtObject
-from handeye.server.problem import responses
+from handeye.server.problem_responses import responses
 from handeye.server.routes import CameraLaneDep, CoordinatorDep
 from handeye.server.routes.once import Once, OnceDep
-from handeye.server.schemas import Grab, Name, ObjectInfo, ObjectList
+from handeye.server.schemas.base import Name
+from handeye.server.schemas.objects import Grab, ObjectInfo, ObjectList
 
 router = APIRouter(prefix="/v1/objects", tags=["objects"])
 
@@ -24,7 +25,7 @@ def list_objects(coordinator: CoordinatorDep) -> ObjectList:
     return ObjectList(objects=tuple(_info(taught) for taught in coordinator.objects.all()))
 
 
-@router.post("/{name}/backgrounds", status_code=201, response_model=ObjectInfo, responses=responses(409, 502, 503, 504))
+@router.post("/{name}/backgrounds", status_code=201, response_model=ObjectInfo, responses=responses(409, 502, 504))
 async def add_background(
     name: Name, coordinator: CoordinatorDep, lane: CameraLaneDep, once: OnceDep, grab: Grab = _NEWEST
 ) -> Response:
@@ -32,7 +33,7 @@ async def add_background(
     return await lane.run(partial(_show, coordinator, once, name, "backgrounds", grab))
 
 
-@router.post("/{name}/examples", status_code=201, response_model=ObjectInfo, responses=responses(409, 502, 503, 504))
+@router.post("/{name}/examples", status_code=201, response_model=ObjectInfo, responses=responses(409, 502, 504))
 async def add_example(
     name: Name, coordinator: CoordinatorDep, lane: CameraLaneDep, once: OnceDep, grab: Grab = _NEWEST
 ) -> Response:

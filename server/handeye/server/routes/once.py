@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from handeye.server.coordinator import Coordinator
 from handeye.server.problem import Conflict
 from handeye.server.routes import CoordinatorDep
-from handeye.server.schemas import Key
+from handeye.server.schemas.base import Key
 from handeye.server.store import replies
 from handeye.server.store.replies import Reply
 

@@ -8,29 +8,29 @@ from functools import partial
 from fastapi import APIRouter
 
 from handeye.robot_bridge.driver import RobotState
-from handeye.server.problem import responses
+from handeye.server.problem_responses import responses
 from handeye.server.results import RobotInfo
 from handeye.server.routes import CoordinatorDep, StopLaneDep
-from handeye.server.schemas import StopRequest
+from handeye.server.schemas.robot import StopRequest
 
 router = APIRouter(prefix="/v1/robot", tags=["robot"])
 
 _UNASKED = StopRequest()
 
 
-@router.get("", responses=responses(502, 503, 504))
+@router.get("", responses=responses(502, 504))
 def robot_state(coordinator: CoordinatorDep) -> RobotInfo:
     """What the robot's own sensors say."""
     return robot_info(coordinator.robot.state())
 
 
-@router.post("/stop", responses=responses(502, 503, 504))
+@router.post("/stop", responses=responses(502, 504))
 async def stop_robot(coordinator: CoordinatorDep, lane: StopLaneDep, request: StopRequest = _UNASKED) -> RobotInfo:
     """Brakes a motion under way and latches the software stop. Not safety-rated."""
     return robot_info(await lane.run(partial(coordinator.robot.stop, request.reason)))
 
 
-@router.post("/reset", responses=responses(409, 502, 503, 504))
+@router.post("/reset", responses=responses(409, 502, 504))
 def reset_robot(coordinator: CoordinatorDep) -> RobotInfo:
     """Clears the software stop; the next move is ramped."""
     return robot_info(coordinator.robot.reset())

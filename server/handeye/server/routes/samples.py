@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, TypeVar
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
+from starlette.types import Receive, Scope, Send
 
 from handeye.modules.answers import Floats
 from handeye.server import answering
 from handeye.server.arrays import MEDIA_TYPE, QUERIES, SAMPLES, Arrays, answers_file, floats, names, read_arrays
-from handeye.server.problem import Invalid, Malformed, UnsupportedMediaType, responses
+from handeye.server.problem import Invalid, Malformed, UnsupportedMediaType
+from handeye.server.problem_responses import responses
 from handeye.server.routes import (
     CoordinatorDep,
     Cursor,
@@ -26,11 +30,10 @@ from handeye.server.routes import (
     place,
 )
 from handeye.server.routes.once import OnceDep
-from handeye.server.schemas import (
+from handeye.server.schemas.base import DemonstrationName, ModuleName
+from handeye.server.schemas.samples import (
     MOST_AT_ONCE,
     AnswerList,
-    DemonstrationName,
-    ModuleName,
     QueryRequest,
     SampleInfo,
     SampleNumber,
@@ -79,20 +82,6 @@ async def _body(request: Request, schema: type[B], arrays: frozenset[str]) -> B 
         raise RequestValidationError([{**each, "loc": ("body", *each["loc"])} for each in told]) from error
 
 
-# First, because it is asked most: routes are tried in this order.
-@router.post(
-    "/{module}/query",
-    response_class=Response,
-    responses={
-        **responses(404, 409, 415, 503),
-        200: {
-            "model": AnswerList,
-            "description": "The answers, in the form of the request.",
-            "content": {MEDIA_TYPE: {"schema": _BINARY}},
-        },
-    },
-    openapi_extra=_bodies(QueryRequest),
-)
 async def query_module(module: ModuleName, request: Request) -> Response:
     """Asks a module one query or many, at most 10 000.
 
@@ -100,7 +89,6 @@ async def query_module(module: ModuleName, request: Request) -> Response:
     the same form: outputs (q, M), support (q,), expected_error (q, M), and of the k nearest samples each answer came
     from samples, distances, weights and demonstrations (q, k), the latter as indices into `names`, -1 for none.
     """
-    # Not as dependencies: the framework takes longer to find them than the module to answer.
     coordinator, metrics = coordinator_of(request), metrics_of(request)
     live = coordinator.modules.live(module)
     body = await _body(request, QueryRequest, QUERIES)
@@ -121,11 +109,44 @@ async def query_module(module: ModuleName, request: Request) -> Response:
     return response
 
 
+class _AskedMost(APIRoute):
+    """Documented as all routes are, but served without the framework, which takes longer than the module to answer."""
+
+    def __init__(self, path: str, endpoint: Callable[[str, Request], Awaitable[Response]], **documented: Any) -> None:
+        super().__init__(path, endpoint, **documented)
+
+        async def serve(scope: Scope, receive: Receive, send: Send) -> None:
+            response = await endpoint(scope["path_params"]["module"], Request(scope, receive))
+            await response(scope, receive, send)
+
+        self.app = serve
+
+
+QUERY = _AskedMost(
+    "/v1/modules/{module}/query",
+    query_module,
+    methods=["POST"],
+    tags=["samples and queries"],
+    generate_unique_id_function=lambda route: route.name,
+    response_class=Response,
+    responses={
+        **responses(404, 409, 415),
+        200: {
+            "model": AnswerList,
+            "description": "The answers, in the form of the request.",
+            "content": {MEDIA_TYPE: {"schema": _BINARY}},
+        },
+    },
+    openapi_extra=_bodies(QueryRequest),
+)
+"""Tried before all other routes."""
+
+
 @router.post(
     "/{module}/samples",
     status_code=201,
     response_model=SamplesAdded,
-    responses=responses(404, 409, 415, 503),
+    responses=responses(404, 409, 415),
     openapi_extra=_bodies(SamplesRequest),
 )
 async def add_samples(

@@ -6,11 +6,12 @@ from datetime import UTC, datetime
 
 from fastapi import APIRouter, Response
 
-from handeye.server.problem import responses
+from handeye.server.problem_responses import responses
 from handeye.server.routes import CoordinatorDep
 from handeye.server.routes.modules import info
 from handeye.server.routes.once import OnceDep
-from handeye.server.schemas import ModuleInfo, ModuleName, Name, SnapshotInfo, SnapshotList, SnapshotRequest
+from handeye.server.schemas.base import ModuleName, Name
+from handeye.server.schemas.modules import ModuleInfo, SnapshotInfo, SnapshotList, SnapshotRequest
 from handeye.server.store.modules import Snapshot
 
 router = APIRouter(prefix="/v1/modules/{module}/snapshots", tags=["snapshots"])

@@ -11,10 +11,12 @@ from fastapi.responses import FileResponse
 from starlette.background import BackgroundTask
 
 from handeye.server.coordinator import Coordinator
-from handeye.server.problem import Invalid, responses
+from handeye.server.problem import Invalid
+from handeye.server.problem_responses import responses
 from handeye.server.routes import CoordinatorDep
-from handeye.server.schemas import Restored
-from handeye.server.store.backup import BackupError, backup, restore
+from handeye.server.schemas.service import Restored
+from handeye.server.store.backup import BackupError, backup
+from handeye.server.store.modules import all_modules, count
 
 MEDIA_TYPE = "application/vnd.sqlite3"
 
@@ -37,7 +39,7 @@ def get_backup(coordinator: CoordinatorDep) -> FileResponse:
 
 @router.post(
     "/restore",
-    responses=responses(409, 503),
+    responses=responses(409),
     openapi_extra={"requestBody": {"required": True, "content": _FILE}},
 )
 async def restore_backup(request: Request, coordinator: CoordinatorDep) -> Restored:
@@ -56,15 +58,13 @@ async def restore_backup(request: Request, coordinator: CoordinatorDep) -> Resto
 
 
 def _restore(coordinator: Coordinator, path: Path) -> Restored:
-    with coordinator.store.write():  # meanwhile nobody starts a job
-        coordinator.require_idle()
-        try:
-            restore(coordinator.store, path)
-        except BackupError as error:
-            raise Invalid(f"This cannot be restored: {error}.") from error
-    coordinator.load()
-    modules = coordinator.modules.all()
-    return Restored(modules=len(modules), samples=sum(coordinator.modules.live(m.name).samples for m in modules))
+    try:
+        coordinator.restore(path)
+    except BackupError as error:
+        raise Invalid(f"This cannot be restored: {error}.") from error
+    with coordinator.store.read() as connection:
+        names = [module.name for module in all_modules(connection)]
+        return Restored(modules=len(names), samples=sum(count(connection, name) for name in names))
 
 
 def _temporary(coordinator: Coordinator) -> Path:

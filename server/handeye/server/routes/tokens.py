@@ -9,8 +9,8 @@ from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, ConfigDict, Field
 
 from handeye.server.access import Role, Token, Tokens
-from handeye.server.problem import responses
-from handeye.server.schemas import Name
+from handeye.server.problem_responses import responses
+from handeye.server.schemas.base import Name
 
 router = APIRouter(prefix="/v1/tokens", tags=["tokens"])
 
@@ -64,14 +64,14 @@ async def list_tokens(tokens: TokensDep) -> TokenList:
     return TokenList(tokens=tuple(_info(token) for token in tokens.all()))
 
 
-@router.post("", status_code=201, responses=responses(503))
+@router.post("", status_code=201, responses=responses())
 def make_token(request: TokenRequest, tokens: TokensDep) -> NewToken:
     """Makes a token. Without Idempotency-Key: repeating its answer would mean to keep the secret."""
     token, secret = tokens.create(request.name, request.role, request.days)
     return NewToken(**_info(token).model_dump(), token=secret)
 
 
-@router.delete("/{token_id}", status_code=204, responses=responses(404, 409, 503))
+@router.delete("/{token_id}", status_code=204, responses=responses(404, 409))
 def revoke_token(token_id: str, tokens: TokensDep) -> None:
     """Revokes a token: it does not count from now on, and what is being sent to its holder is cut off."""
     tokens.revoke(token_id)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from alembic.util import CommandError
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
@@ -36,9 +36,9 @@ class Store:
     Writes are exclusive within the process, and only one process has the store open. Safe among threads.
     """
 
-    def __init__(self, engine: Engine, release: Callable[[], None]) -> None:
+    def __init__(self, engine: Engine, owner: _Owner) -> None:
         self.engine = engine
-        self._release = release
+        self._owner = owner
         self._writing = threading.RLock()
         self._current: Connection | None = None
         self._callbacks: list[Callable[[], object]] = []
@@ -51,7 +51,7 @@ class Store:
         `StoreBusy` while another process has it open, `StoreError` when it cannot be reached or is none of ours.
         """
         parsed = parse(url)
-        release = own(parsed)
+        owner = own(parsed)
         engine: Engine | None = None
         try:
             engine = connect(parsed)
@@ -59,7 +59,7 @@ class Store:
         except BaseException as error:
             if engine is not None:
                 engine.dispose()
-            release()
+            owner.release()
             if isinstance(error, DBAPIError):
                 raise StoreError(explain(parsed, error)) from error
             if isinstance(error, CommandError):
@@ -68,7 +68,7 @@ class Store:
                     "take a newer handeye"
                 ) from error
             raise
-        return cls(engine, release)
+        return cls(engine, owner)
 
     def close(self) -> None:
         """Closes all connections; the store may be opened elsewhere afterwards."""
@@ -76,7 +76,7 @@ class Store:
             if not self._closed:
                 self._closed = True
                 self.engine.dispose()
-                self._release()
+                self._owner.release()
 
     def __enter__(self) -> Self:
         return self
@@ -103,6 +103,7 @@ class Store:
             if self._current is not None:
                 yield self._current
                 return
+            self._owner.require()
             try:
                 with self.engine.connect() as plain:
                     connection = plain.execution_options(**{_WRITE: True})
@@ -198,51 +199,90 @@ def _begin(connection: Connection) -> None:
     connection.exec_driver_sql("BEGIN IMMEDIATE" if connection.get_execution_options().get(_WRITE) else "BEGIN")
 
 
-def own(url: URL) -> Callable[[], None]:
-    """Takes the store for this process; returns what gives it back. The kernel or the server does it for a dead one."""
-    if url.get_backend_name() == "sqlite":
-        return _own_file(Path(f"{url.database}.lock"))
-    return _own_database(url)
+class _Owner(Protocol):
+    """Owns a store for this process. The kernel or the database's server ends it for a process that died."""
+
+    def require(self) -> None:
+        """Raises `StoreBusy` when another process has taken the store meanwhile."""
+
+    def release(self) -> None:
+        """Gives the store back."""
 
 
-def _own_file(path: Path) -> Callable[[], None]:
-    try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
-    except OSError as error:
-        raise StoreError(f"the store's folder cannot be used: {error}") from error
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        owner = os.read(lock, 32).decode(errors="replace").strip()
-        os.close(lock)
-        raise StoreBusy(
-            f"the store {path.with_suffix('')} is in use by process {owner or 'unknown'}; end that one first"
-        ) from None
-    os.truncate(lock, 0)
-    os.write(lock, f"{os.getpid()}\n".encode())
-    return lambda: os.close(lock)
+def own(url: URL) -> _Owner:
+    """Takes the store for this process; `StoreBusy` when another one has it, `StoreError` when it is out of reach."""
+    return _OwnedFile(Path(f"{url.database}.lock")) if url.get_backend_name() == "sqlite" else _OwnedDatabase(url)
 
 
-def _own_database(url: URL) -> Callable[[], None]:
-    engine = connect(url)
-    try:
-        connection = engine.connect()
+class _OwnedFile:
+    """A file beside the store, locked for as long as it is open."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            raise StoreError(f"the store's folder cannot be used: {error}") from error
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            owner = os.read(lock, 32).decode(errors="replace").strip()
+            os.close(lock)
+            raise StoreBusy(
+                f"the store {path.with_suffix('')} is in use by process {owner or 'unknown'}; end that one first"
+            ) from None
+        os.truncate(lock, 0)
+        os.write(lock, f"{os.getpid()}\n".encode())
+        self._lock = lock
+
+    def require(self) -> None:
+        """Nobody takes such a lock away."""
+
+    def release(self) -> None:
+        os.close(self._lock)
+
+
+class _OwnedDatabase:
+    """An advisory lock, which goes with the connection that took it."""
+
+    def __init__(self, url: URL) -> None:
+        self._url = url
+        self._engine = connect(url)
+        try:
+            self._connection = self._taken()
+        except BaseException as error:
+            self._engine.dispose()
+            if isinstance(error, DBAPIError):
+                raise StoreError(explain(url, error)) from error
+            raise
+
+    def _taken(self) -> Connection:
+        connection = self._engine.connect()
         taken = connection.execute(text("SELECT pg_try_advisory_lock(:key)"), {"key": _ADVISORY_LOCK}).scalar()
         connection.commit()
-    except DBAPIError as error:
-        engine.dispose()
-        raise StoreError(explain(url, error)) from error
-    if not taken:
-        connection.close()
-        engine.dispose()
-        raise StoreBusy(f"the store {url.render_as_string()} is in use by another process; end that one first")
+        if not taken:
+            connection.close()
+            raise StoreBusy(
+                f"the store {self._url.render_as_string()} is in use by another process; end that one first"
+            )
+        return connection
 
-    def release() -> None:
-        connection.close()
-        engine.dispose()
+    def require(self) -> None:
+        if self._connection.closed or not self._alive():  # the server was started anew, or the connection cut
+            self._connection.close()
+            self._connection = self._taken()
 
-    return release
+    def _alive(self) -> bool:
+        try:
+            self._connection.execute(text("SELECT 1"))
+            self._connection.commit()
+        except DBAPIError:
+            return False
+        return True
+
+    def release(self) -> None:
+        self._connection.close()
+        self._engine.dispose()
 
 
 def explain(url: URL, error: DBAPIError) -> str:

@@ -16,8 +16,8 @@ from typing import Any
 
 from sqlalchemy import Table
 
-from handeye.server.store.reading import damage, kind_of
-from handeye.server.store.rows import _encoded
+from handeye.server.store.reading import damage
+from handeye.server.store.rows import encoded, kind_of
 
 _CHANCE = 1e-3
 """Other damage may look like one changed byte this often; where it would more often, only a changed bit counts."""
@@ -104,7 +104,7 @@ def _bytes_of(value: object) -> bytes:
     if isinstance(value, str):
         content = value.encode("utf-8", "surrogateescape")
         return struct.pack("<cq", b"s", len(content)) + content
-    return _encoded(value)
+    return encoded(value)
 
 
 def _decoded(piece: bytes, kind: type) -> Any:

@@ -159,8 +159,8 @@ def numbers_of(connection: Connection, name: str, demonstration: str | None = No
 
 
 def modules_with(connection: Connection, demonstration: str) -> tuple[str, ...]:
-    """Names of the modules that have living samples of a demonstration."""
-    wanted = select(samples.c.module).where(samples.c.demonstration == demonstration, samples.c.live).distinct()
+    """Names of the modules that have samples of a demonstration, living ones or in snapshots."""
+    wanted = select(samples.c.module).where(samples.c.demonstration == demonstration).distinct()
     return tuple(connection.execute(wanted).scalars())
 
 
@@ -180,6 +180,18 @@ def take_out(connection: Connection, name: str, numbers: Integers) -> None:
     _delete(connection, name, np.setdiff1d(numbers, kept))
 
 
+def erase(connection: Connection, name: str, demonstration: str) -> None:
+    """Deletes a demonstration's samples for good: snapshots do not have them any more either."""
+    mine = and_(samples.c.module == name, samples.c.demonstration == demonstration)
+    gone = np.array(connection.execute(select(samples.c.number).where(mine)).scalars().all(), np.int64)
+    for row in connection.execute(select(snapshots).where(snapshots.c.module == name)).mappings().all():
+        numbers = snapshot_numbers(row["numbers"])
+        left = np.setdiff1d(numbers, gone)
+        if len(left) < len(numbers):
+            change(connection, snapshots, name, row["name"], **_listed(left))
+    connection.execute(delete(samples).where(mine))
+
+
 def snapshot(connection: Connection, module: StoredModule, name: str) -> Snapshot:
     """Remembers the module's living samples and declaration under `name`."""
     numbers = numbers_of(connection, module.name)
@@ -190,9 +202,8 @@ def snapshot(connection: Connection, module: StoredModule, name: str) -> Snapsho
         module=module.name,
         name=name,
         declaration=module.declaration.model_dump_json(),
-        numbers=zlib.compress(numbers.astype("<i8").tobytes()),
-        count=len(numbers),
         created=made.created,
+        **_listed(numbers),
     )
     return made
 
@@ -233,6 +244,11 @@ def drop_snapshot(connection: Connection, name: str, snapshot_name: str) -> bool
 def snapshot_numbers(content: bytes) -> Integers:
     """The sample numbers (n,) in a snapshot's row."""
     return np.frombuffer(zlib.decompress(content), "<i8").astype(np.int64)
+
+
+def _listed(numbers: Integers) -> dict[str, Any]:
+    """What a snapshot's row has of the samples' numbers (n,), which ascend."""
+    return {"numbers": zlib.compress(numbers.astype("<i8").tobytes()), "count": len(numbers)}
 
 
 def _set_live(connection: Connection, name: str, numbers: Integers, *, live: bool) -> None:

@@ -14,10 +14,8 @@ from sqlalchemy import (
     Boolean,
     Connection,
     Engine,
-    LargeBinary,
     NullPool,
     Table,
-    Text,
     create_engine,
     event,
     select,
@@ -27,7 +25,7 @@ from sqlalchemy.types import Float
 
 from handeye.server.store.engine import StoreError, connect, explain
 from handeye.server.store.findings import shown
-from handeye.server.store.rows import checksum
+from handeye.server.store.rows import checksum, kind_of
 
 Watch = Callable[[str, int], None]
 """Is told how far long work is: the table, and how many of its rows were looked at."""
@@ -123,14 +121,6 @@ def row_from(table: Table, values: list[Any]) -> dict[str, Any]:
 
 def _flag(value: Any) -> Any:
     return bool(value) if type(value) is int and value in (0, 1) else value
-
-
-def kind_of(column: Any) -> type:
-    """The Python type of a column's values."""
-    for declared, kind in ((Boolean, bool), (Float, float), (Text, str), (LargeBinary, bytes)):
-        if isinstance(column.type, declared):
-            return kind
-    return int
 
 
 def misfit(table: Table, row: Mapping[str, Any]) -> str | None:

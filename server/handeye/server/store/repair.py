@@ -48,7 +48,7 @@ def repair(url: str, watch: Watch = unwatched) -> Report:
     file = Path(str(parsed.database)) if parsed.get_backend_name() == "sqlite" else None
     if file is not None:
         require(file)
-    release = own(parsed)
+    owner = own(parsed)
     try:
         if file is not None:
             _give(Path(f"{file}.lock"), like=file)
@@ -57,7 +57,7 @@ def repair(url: str, watch: Watch = unwatched) -> Report:
             return _rewrite(file, found, watch)
         return Report(tuple(_mend(parsed, found, watch)) if found.findings else (), None)
     finally:
-        release()
+        owner.release()
 
 
 def _mend(url: URL, found: Examination, watch: Watch) -> list[Repaired]:

@@ -6,10 +6,11 @@ import struct
 import time
 import zlib
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import orjson
-from sqlalchemy import Connection, Table, insert, select, update
+from sqlalchemy import Boolean, Connection, Float, LargeBinary, Table, Text, insert, select, update
 
 _NONE, _FALSE, _TRUE = b"\x00", b"\x01", b"\x02"
 _double = struct.Struct("<cd")
@@ -21,11 +22,11 @@ def checksum(table: Table, row: Mapping[str, Any]) -> int:
     """CRC-32 of a row's columns in the table's order, without the checksum itself."""
     value = 0
     for column in table.columns.keys()[:-1]:
-        value = zlib.crc32(_encoded(row[column]), value)
+        value = zlib.crc32(encoded(row[column]), value)
     return value
 
 
-def _encoded(value: object) -> bytes:
+def encoded(value: object) -> bytes:
     """One value, unmistakably: type, length where it varies, content."""
     if value is None:
         return _NONE
@@ -40,8 +41,29 @@ def _encoded(value: object) -> bytes:
 
 
 def seal(table: Table, row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row with its checksum; all other columns must be there."""
+    """The row with its checksum; all other columns must be there.
+
+    `TypeError` for a value that would not be read back as it was written, and so would not fit the checksum.
+    """
+    for name, kind in _kinds(table):
+        value = row[name]
+        if value is not None and (not isinstance(value, kind) or (kind is int and isinstance(value, bool))):
+            raise TypeError(f"{table.name}.{name} takes {kind.__name__}, not {type(value).__name__} ({value!r})")
     return {**row, "checksum": checksum(table, row)}
+
+
+@cache
+def _kinds(table: Table) -> tuple[tuple[str, type], ...]:
+    """Its columns but the checksum, and of what type their values are."""
+    return tuple((column.name, kind_of(column)) for column in list(table.columns)[:-1])
+
+
+def kind_of(column: Any) -> type:
+    """The Python type of a column's values."""
+    for declared, kind in ((Boolean, bool), (Float, float), (Text, str), (LargeBinary, bytes)):
+        if isinstance(column.type, declared):
+            return kind
+    return int
 
 
 def add(connection: Connection, table: Table, **row: Any) -> None:

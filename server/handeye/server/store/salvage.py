@@ -19,7 +19,8 @@ from handeye.server.store.engine import StoreError, connect, parse
 from handeye.server.store.findings import Finding, Repaired, entry
 from handeye.server.store.mending import mended
 from handeye.server.store.pages import INTERIOR_INDEX, INTERIOR_TABLE, LEAF_INDEX, LEAF_TABLE, Cell, Pages
-from handeye.server.store.reading import Watch, damage, key_of, kind_of, misfit, row_from
+from handeye.server.store.reading import Watch, damage, key_of, misfit, row_from
+from handeye.server.store.rows import kind_of
 from handeye.server.store.tables import metadata, samples, set_aside
 from handeye.server.store.upgrade import newest as newest_version
 from handeye.server.store.upgrade import upgrade

@@ -1,0 +1,96 @@
+"""The bodies of demonstrations: what is shown, observed, done by the gripper, and said of it afterwards."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Literal
+
+from pydantic import StrictBool
+
+from handeye.server.demonstration import Action, Outcome
+from handeye.server.results import Triple
+from handeye.server.schemas.base import Body, Name
+
+
+class DemonstrationRequest(Body):
+    """What is going to be shown."""
+
+    task: Name
+    object: Name
+
+
+class SubtaskInfo(Body):
+    """A subtask of a demonstration or of a trained task."""
+
+    name: str
+    action: Action | None
+    """What the gripper does at the end."""
+
+
+class DemonstrationInfo(Body):
+    """A demonstration so far."""
+
+    id: str
+    task: str
+    object: str
+    state: Literal["recording", "finished"]
+    outcome: Outcome | None
+    """What a person said of it; failures are not trained from."""
+    created: datetime
+    observations: int
+    subtasks: tuple[SubtaskInfo, ...]
+
+
+class DemonstrationPage(Body):
+    """Demonstrations, in the order they were begun."""
+
+    demonstrations: tuple[DemonstrationInfo, ...]
+    next: str | None
+    """The cursor of the next page; null at the end."""
+
+
+class OutcomeRequest(Body):
+    """What a person says of a demonstration."""
+
+    outcome: Outcome | None
+
+
+class ObservationRequest(Body):
+    """Look now, with the arm at rest."""
+
+    subtask: Name
+    goal: StrictBool = False
+    """These joints are where the subtask ends."""
+    key: StrictBool = False
+    """One of the thesis's bare pairs: where the subtask begins."""
+
+
+class ObservationInfo(Body):
+    """What was recognised and read."""
+
+    number: int
+    """Counts the demonstration's observations, from 0."""
+    subtask: str
+    goal: bool
+    key: bool
+    world_time: float
+    """World time that the left picture shows, in s."""
+    object: Triple
+    """(row, column, disparity) in pixels."""
+    hand: Triple
+    """(row, column, disparity) in pixels."""
+    joints: tuple[float, ...]
+    """In rad, base to wrist."""
+
+
+class ObservationList(Body):
+    """What was observed in a demonstration, in order."""
+
+    observations: tuple[ObservationInfo, ...]
+
+
+class ActionRequest(Body):
+    """What the person did with the gripper at the end of a subtask."""
+
+    subtask: Name
+    action: Action
