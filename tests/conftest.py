@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import structlog
 
 GRACE = 3.0  # s; threads that were told to end may need a moment
 
@@ -34,6 +35,13 @@ def _children() -> set[int]:
 def _threads() -> set[threading.Thread]:
     # Dummy threads stand for threads of native libraries (Zenoh's callbacks) that once ran Python.
     return {t for t in threading.enumerate() if not isinstance(t, threading._DummyThread)}
+
+
+@pytest.fixture(autouse=True, scope="session")
+def plain_tracebacks() -> None:
+    """The pretty ones take seconds in a test that makes many errors, and a control lease is over by then."""
+    renderer = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
+    structlog.configure(processors=[*structlog.get_config()["processors"][:-1], renderer])
 
 
 @pytest.fixture(autouse=True)

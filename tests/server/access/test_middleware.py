@@ -35,13 +35,13 @@ def level() -> Level:
 def written(level: Level) -> Iterator[io.StringIO]:
     """Where the log goes, as the server's process writes it."""
     root = logging.getLogger()
-    before = root.handlers[:], root.level
+    before, configured = (root.handlers[:], root.level), structlog.get_config()
     root.handlers = []  # pytest's own
     with contextlib.redirect_stderr(io.StringIO()) as stream:
         configure_logging()
     configure_level(level)
     yield stream
-    structlog.reset_defaults()
+    structlog.configure(**configured)
     root.handlers, root.level = before
 
 
