@@ -40,7 +40,7 @@ def _threads() -> set[threading.Thread]:
 @pytest.fixture(autouse=True, scope="session")
 def plain_tracebacks() -> None:
     """The pretty ones take seconds in a test that makes many errors, and a control lease is over by then."""
-    renderer = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
+    renderer = structlog.dev.ConsoleRenderer(colors=False, exception_formatter=structlog.dev.plain_traceback)
     structlog.configure(processors=[*structlog.get_config()["processors"][:-1], renderer])
 
 

@@ -44,6 +44,7 @@ ROBOT: dict[str, object] = {
     "world_time": 1.0,
     "joints": [0.0] * 6,
     "velocities": [0.0] * 6,
+    "point": [0.35, 0.0, 0.2],
     "gripper_opening": 0.09,
     "moving": False,
     "stopped": False,

@@ -107,7 +107,8 @@ def test_the_robot_and_the_head(connect: Connect) -> None:
     }
     coordinator = Script(*(httpx2.Response(200, json=each) for each in (ROBOT, head, description)))
     with connect(coordinator) as client:
-        assert client.robot().still_since == 0.0
+        robot = client.robot()
+        assert (robot.still_since, robot.point) == (0.0, (0.35, 0.0, 0.2))
         assert client.head().pan_upper == 2.7
         assert client.robot_description().park == (0.0,)
 

@@ -14,6 +14,7 @@ from handeye.robot_bridge.driver import Joints, Pace, RobotDriver
 from handeye.rpc.errors import Busy, InvalidArgument, OutOfLimits, RpcError, Stopped, Unreachable
 
 READING = 0.005  # rad; backlash and encoder steps
+POINT_READING = 2e-4  # m; encoder steps (0.05 mm at most), not backlash, which no encoder on a motor sees
 BRISK, SLOW = Pace(1.0, 1.0), Pace(0.05, 0.5)
 
 
@@ -59,6 +60,9 @@ def test_at_rest_it_stands_still_at_park_with_an_open_gripper(robot: RobotDriver
     state = robot.state()
     assert state.joints == pytest.approx(robot.description.park, abs=READING)
     assert state.joints.shape == state.velocities.shape
+    assert state.point.shape == (3,)
+    assert state.point.dtype == np.float64
+    assert np.isfinite(state.point).all()
     assert state.gripper_opening == pytest.approx(robot.description.gripper_range, abs=2e-3)
     assert not state.moving
     assert not state.stopped
@@ -85,6 +89,14 @@ def test_each_of_the_six_actions_returns_what_it_reached(robot: RobotDriver) -> 
     now = robot.state()
     assert now.joints == pytest.approx(opened.joints, abs=READING)
     assert not now.moving
+
+
+def test_it_reports_the_point_that_it_was_sent_to(robot: RobotDriver) -> None:
+    start = robot.state().point
+    for offset in ([0.0, 0.05, 0.0], [0.03, 0.05, 0.04]):
+        reached = robot.move_to_point(start + offset, BRISK)
+        assert reached.point == pytest.approx(start + offset, abs=POINT_READING)
+        assert robot.state().point == pytest.approx(reached.point, abs=POINT_READING)
 
 
 def test_time_passes_while_it_waits(robot: RobotDriver) -> None:

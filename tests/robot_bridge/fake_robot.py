@@ -59,6 +59,7 @@ class FakeRobot:
             world_time=self.time,
             joints=self._joints.copy(),
             velocities=np.zeros(N),
+            point=self._joints.copy(),
             gripper_opening=self._opening,
             moving=moving,
             stopped=self._latched,

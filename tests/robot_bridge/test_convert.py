@@ -32,6 +32,7 @@ def same(one: object, other: object) -> bool:
         world_time=NUMBERS,
         joints=VECTORS,
         velocities=VECTORS,
+        point=VECTORS,
         gripper_opening=NUMBERS,
         moving=st.booleans(),
         stopped=st.booleans(),

@@ -21,7 +21,7 @@ from handeye.modules.module import warm_up
 from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ImagePair, ImagePoint
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch, unwatched
-from handeye.rpc.errors import Busy, DeadlineExceeded, RpcError, Stopped, Unauthorised, Unavailable
+from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, RpcError, Stopped, Unauthorised, Unavailable
 from handeye.server.access import Access, LimitSettings, Tokens
 from handeye.server.app import create_app
 from handeye.server.control import Control
@@ -53,12 +53,25 @@ class World:
     reads: float = 1.0
     """Share of a motion that the joints really make: the arm is not exact."""
     hidden: set[str] = field(default_factory=set)
+    head: tuple[float, float] = (0.0, 0.0)
+    """(pan, tilt) in rad."""
     history: list[tuple[float, NDArray[np.float64]]] = field(default_factory=list)
 
     @property
     def hand(self) -> NDArray[np.float64]:
         """(row, column, disparity) of the hand."""
         return np.array([240.0, 320.0, 150.0]) + np.array([100.0, 120.0, 60.0]) * self.joints[:3]
+
+    @property
+    def shift(self) -> NDArray[np.float64]:
+        """(rows, columns, 0) by which everything is seen elsewhere because the head is turned."""
+        pan, tilt = self.head
+        return np.array([600.0 * np.tan(tilt), 600.0 * np.tan(pan), 0.0])
+
+    @property
+    def point(self) -> NDArray[np.float64]:
+        """Where the robot has the tool centre point, in m: linear in the first three joints, 0.3 m for each rad."""
+        return np.array([0.5, 0.0, 0.2]) + 0.3 * self.joints[:3]
 
     def goal_joints(self, lift: float = 0.0) -> Joints:
         """Where the hand is at the cup; `lift` rad above it."""
@@ -115,6 +128,7 @@ class ToyRobot:
             world.time,
             world.joints.copy(),
             np.zeros(JOINTS),
+            world.point,
             world.gripper,
             world.moving,
             bool(self.stopped),
@@ -221,7 +235,7 @@ class ToyCameras:
             raise DeadlineExceeded(f"the newest pair shows {newest:.3f} s, {not_older_than:.3f} s was asked for")
         self.sequence += 1
         frame = Frame(np.zeros((*self.size, 3), np.uint8), newest, self.sequence)
-        return StereoPair(frame, frame, 0.0, HeadState(0.0, 0.0, False, newest))
+        return StereoPair(frame, frame, 0.0, HeadState(*self.world.head, False, newest))
 
     def grab_observer(self, not_older_than: float, timeout: float) -> Frame:
         return self.grab_stereo(not_older_than, timeout).left
@@ -239,17 +253,19 @@ class ToyHead:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self.pan = self.tilt = 0.0
 
     def state(self) -> HeadState:
-        return HeadState(self.pan, self.tilt, False, self.world.time)
+        return HeadState(*self.world.head, False, self.world.time)
 
     def move(self, pan: float, tilt: float, lease_id: str, timeout: float, on_tick: Tick | None = None) -> HeadState:
         if not lease_id:
             raise Unauthorised("the head needs the control lease")
         if on_tick is not None:
             on_tick()
-        self.pan, self.tilt = pan, tilt
+        for angle, (low, high) in zip((pan, tilt), self.limits, strict=True):
+            if not low <= angle <= high:
+                raise OutOfLimits(f"the head cannot turn to {angle:.3f} rad")
+        self.world.head = (pan, tilt)
         return self.state()
 
     def close(self) -> None:
@@ -270,11 +286,18 @@ class ToySight:
         self.learned.pop(name, None)
 
     def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
-        for what in ("object", "hand"):
-            if what in self.world.hidden:
-                raise NotSeen(f"{what} '{name}' is not seen in the left picture")
-        found, hand = (ImagePoint(*np.round(place, 1).tolist()) for place in (self.world.cup, self.world.hand))
-        return ImagePair(object=found, hand=hand)
+        return ImagePair(object=self.see_object(left, right, name)[0], hand=self.see_hand(left, right)[0])
+
+    def see_object(self, _left: Image, _right: Image, name: str, /) -> tuple[ImagePoint, float]:
+        return self._seen("object", name, self.world.cup)
+
+    def see_hand(self, _left: Image, _right: Image, /) -> tuple[ImagePoint, float]:
+        return self._seen("hand", "marker 7", self.world.hand)
+
+    def _seen(self, what: str, name: str, place: NDArray[np.float64]) -> tuple[ImagePoint, float]:
+        if what in self.world.hidden:
+            raise NotSeen(f"{what} '{name}' is not seen in the left picture")
+        return ImagePoint(*np.round(place + self.world.shift, 1).tolist()), 1.0
 
 
 @dataclass

@@ -14,7 +14,17 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from handeye.client import ApiError, AsyncClient, Client, Control, JobFailed, LeaseLost, TimedOut, Unreachable
+from handeye.client import (
+    ApiError,
+    AsyncClient,
+    Client,
+    Control,
+    JobFailed,
+    LeaseLost,
+    TimedOut,
+    Unreachable,
+    WrongArrays,
+)
 from handeye.server.serve import http_server
 from tests.client.blocking import Blocking
 from tests.server.conftest import TOKEN
@@ -125,7 +135,7 @@ def test_a_failed_task_says_why_and_the_arm_is_stopped(lab: Lab, client: Client)
     client.train("grasp")
     lab.world.hidden.add("hand")
     job = client.run_task("grasp", "blue cup", timeout=30.0)
-    with pytest.raises(JobFailed, match=r"failed in subtask 'grasp': hand 'blue cup' is not seen") as failure:
+    with pytest.raises(JobFailed, match=r"failed in subtask 'grasp': hand 'marker 7' is not seen") as failure:
         job.raise_for_failure()
     assert failure.value.job.error is not None
     assert client.robot().stopped
@@ -414,3 +424,37 @@ def test_nobody_at_the_address() -> None:
         port = taken.getsockname()[1]
     with Client(f"http://127.0.0.1:{port}", TOKEN) as client, pytest.raises(Unreachable, match=f"{port}.*running"):
         client.robot()
+
+
+def test_collects_gazes_and_reaches(lab: Lab, client: Client) -> None:
+    client.add_background("blue cup")
+    client.add_example("blue cup")
+    for row, column, tilt in np.random.default_rng(2).uniform((120, 260, -0.1), (260, 420, 0.1), (8, 3)):
+        lab.world.cup, lab.world.head = np.array([row, column, 150.0]), (0.0, tilt)
+        collected = client.collect_fixation("blue cup").raise_for_failure().result
+        assert collected is not None
+        assert collected.added["SCS"] > 3
+    lab.world.cup, lab.world.head = np.array([200.0, 300.0, 150.0]), (0.0, 0.0)
+    seen = client.look("blue cup")
+    assert seen.point == (200.0, 300.0, 150.0)
+    gaze = client.gaze("blue cup").raise_for_failure().result
+    assert gaze is not None
+    assert gaze.looks[0].offset > 300.0 > 3.0 > gaze.looks[-1].offset
+    events: list[JobEvent] = []
+    babbled = client.collect_postures(
+        ["AJS"],
+        postures=12,
+        lower=(0.5, -0.3, 0.2),
+        upper=(0.8, 0.0, 0.44),
+        synergies=np.eye(6)[:3].tolist(),
+        on_event=events.append,
+    )
+    assert babbled.raise_for_failure().subject == "AJS"
+    assert [event.data["posture"] for event in events if event.kind == "posture"] == list(range(1, 13))
+    failed = client.reach((200.0, 300.0, 150.0))
+    assert failed.error is not None
+    assert failed.error.code == "not_taught"
+    with pytest.raises(ApiError, match="grid is not seen"):
+        client.collect_grid_view(np.zeros((4, 5, 3)))
+    with pytest.raises(WrongArrays, match="rows, columns, 3"):
+        client.collect_grid_view(np.zeros((4, 5)))

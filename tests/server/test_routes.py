@@ -130,6 +130,7 @@ def test_what_nobody_foresaw_is_a_500_without_details(lab: Lab, http: TestClient
 def test_robot_state_stop_and_reset(lab: Lab, http: TestClient) -> None:
     state = http.get("/v1/robot").json()
     assert (state["stopped"], state["still_since"], len(state["joints"])) == (False, 0.0, 6)
+    assert state["point"] == pytest.approx(lab.world.point)
     assert http.post("/v1/robot/stop", json={"reason": "a test"}).json()["stopped"]
     assert lab.robot.stopped == "a test"
     assert not http.post("/v1/robot/reset").json()["stopped"]

@@ -44,7 +44,7 @@ def bus_settings() -> BusSettings:
 
 def bridges(bus: Bus) -> tuple[Server, Server]:
     """Stand-ins for the robot bridge and the camera bridge."""
-    state = robot_pb2.RobotState(world_time=4.0, joints=[0.0] * 6, velocities=[0.0] * 6)
+    state = robot_pb2.RobotState(world_time=4.0, joints=[0.0] * 6, velocities=[0.0] * 6, point=[0.0] * 3)
     return (
         bus.serve({ROBOT_GET_STATE: lambda _request, _call: state}),
         bus.serve({CAMERA_DESCRIBE: lambda _request, _call: camera_pb2.CameraDescription(width=64, height=48)}),

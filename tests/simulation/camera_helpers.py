@@ -36,11 +36,7 @@ class Grid:
     def __init__(self) -> None:
         self.client: int = pybullet.connect(pybullet.DIRECT)
         self.body = objects.build(self.client, objects.GRID)
-        count = objects.GRID_INTERSECTIONS
-        rows, columns = np.mgrid[:count, :count] - (count - 1) / 2
-        pitch = objects.grid_pitch(objects.GRID)
-        height = np.full(rows.size, objects.GRID.height / 2 + 0.0005)
-        self._corners = np.column_stack([columns.ravel() * pitch, rows.ravel() * pitch, height])
+        self._corners = objects.grid_points(objects.GRID)
 
     def close(self) -> None:
         pybullet.disconnect(self.client)

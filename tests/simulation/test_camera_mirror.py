@@ -13,10 +13,13 @@ from handeye.simulation import gripper, kinematics, objects, rig
 from handeye.simulation.camera import Camera, Image
 from handeye.simulation.grasping import solve_chain
 from handeye.simulation.mirror import Mirror
+from handeye.simulation.pose import Pose
 from handeye.simulation.profile import Profile
 from handeye.simulation.scene import STEP
 from handeye.simulation.world import World
-from tests.simulation.camera_helpers import HOME, Direct
+from tests.simulation.camera_helpers import HOME, Direct, found_corners, offsets
+
+from .conftest import MakeWorld
 
 PROFILE = Profile.named("default")
 PLACE = np.array([0.6, 0.03])
@@ -70,6 +73,42 @@ def test_objects_come_change_and_go(world: World, mirror: Mirror) -> None:
     world.remove("blue cup")
     world.reset(seed=5)
     assert np.array_equal(mirror.picture("left", world.time, *HOME)[0], empty)
+
+
+def test_a_held_ball_shows_where_its_centre_is(world: World, mirror: Mirror) -> None:
+    centre = np.array([0.8, 0.05, 0.3])
+    empty, _ = mirror.picture("left", world.time, *HOME)
+    world.hold(objects.BALL, Pose(centre, np.array([0.0, 0.0, 0.0, 1.0])))
+    image, world_time = mirror.picture("left", world.time, *HOME)
+    assert world_time == 0.0
+    assert np.array_equal(image, directly(world, "left"))
+    there = np.argwhere((image.astype(int) - empty).min(axis=2) < -60)
+    assert there.mean(axis=0) == pytest.approx(rig.project(centre, "left", *HOME, PROFILE), abs=0.5)
+    # A disc: as wide as high, and filled as a circle fills its square.
+    height, width = np.ptp(there, axis=0) + 1
+    assert height == pytest.approx(width, abs=1)
+    assert len(there) / (height * width) == pytest.approx(np.pi / 4, abs=0.05)
+
+
+def test_grid_points_are_where_the_grid_is_drawn(make_world: MakeWorld) -> None:
+    profile = Profile.named("ideal")
+    world = make_world("ideal")
+    # Before the left camera, its upper face to it, rolled by 0.1 rad. A board that is seen exactly from the front and
+    # is not rolled has an rms of 0.14 px or more: its edges lie along the pixels, and supersampling quantises them.
+    world_from_camera = np.linalg.inv(rig.left_from_world(*HOME))
+    camera_from_board = np.eye(4)
+    c, s = np.cos(0.1), np.sin(0.1)
+    camera_from_board[:3, :3] = [[c, -s, 0.0], [-s, -c, 0.0], [0.0, 0.0, -1.0]]
+    camera_from_board[:3, 3] = [0.0, 0.0, 0.8]
+    pose = Pose.from_matrix(world_from_camera @ camera_from_board)
+    world.hold(objects.GRID, pose)
+    with Mirror(Direct(world)) as mirror:
+        image, _ = mirror.picture("left", world.time, *HOME)
+    found = found_corners(image)
+    points = objects.grid_points(objects.GRID) @ pose.matrix()[:3, :3].T + pose.position
+    assert len(found) == len(points)
+    off = offsets(found, rig.project(points, "left", *HOME, profile))
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.1
 
 
 def test_the_past_is_shown_as_it_was(world: World, mirror: Mirror) -> None:

@@ -14,7 +14,8 @@ from handeye.rpc import Bus, LabBusSettings
 from handeye.rpc.errors import Busy, InvalidArgument
 from handeye.simulation import grasping
 from handeye.simulation.lab import LabClient, LabService
-from handeye.simulation.objects import CUPS, ObjectSpec
+from handeye.simulation.objects import BALL, CUPS, ObjectSpec
+from handeye.simulation.pose import Pose
 from handeye.simulation.world import World
 
 CUP = CUPS["green mug"]
@@ -51,6 +52,29 @@ def test_scene_and_states_arrive_as_they_are(world: World, lab: LabClient) -> No
     assert lab.remove(CUP.name).objects == ()
     assert lab.reset(9).seed == 9
     assert lab.world().world_time == 0.0
+
+
+def test_an_object_is_held_where_it_is_said(world: World, lab: LabClient) -> None:
+    lab.place(BALL, (0.6, 0.0))
+    pose = Pose(np.array([0.6, 0.1, 0.5]), np.array([0.5, 0.5, -0.5, 0.5]))
+    scene = lab.hold(BALL, pose)
+    assert scene == world.scene() == lab.scene()
+    assert scene.objects == (BALL,)
+    held = lab.world().object(BALL.name).pose
+    assert np.array_equal(held.position, pose.position)
+    assert np.array_equal(held.orientation, pose.orientation)
+    for wrong in (
+        Pose(np.array([0.6, 0.1, np.nan]), pose.orientation),
+        Pose(np.empty(0), np.empty(0)),
+        Pose(pose.position, 2 * pose.orientation),
+        Pose(np.array([0.6, 0.1, 0.0]), pose.orientation),
+    ):
+        with pytest.raises(InvalidArgument):
+            lab.hold(BALL, wrong)
+    assert lab.scene() == scene
+    world.start_motion(grasping.PARK + 0.1, speed_share=0.5, acceleration_share=0.5)
+    with pytest.raises(Busy):
+        lab.hold(BALL, pose)
 
 
 @pytest.mark.parametrize("odd", [np.nan, np.inf, 1e308])

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handeye.simulation import grasping, gripper, kinematics
-from handeye.simulation.objects import CUPS, GRID, grid_pitch
+from handeye.simulation.objects import CUPS, GRID, grid_pitch, grid_points
 from handeye.simulation.pose import Pose, quaternion, rotation
 from handeye.simulation.profile import Profile
 from handeye.simulation.scene import Stage, build
@@ -68,6 +68,14 @@ def test_grid_has_nine_by_nine_intersections_in_forty_centimetres(stage: Stage) 
     scale = 400 / np.tan(np.radians(22.5)) / (1.2 - 0.0065)
     span = np.ptp(corners.reshape(-1, 2), axis=0) / scale
     np.testing.assert_allclose(span, 0.40, atol=2e-3)
+
+
+def test_grid_points_are_in_the_order_of_a_picture() -> None:
+    points = grid_points(GRID)
+    assert points.shape == (81, 3)
+    expected = np.array([[-0.2, 0.2], [-0.15, 0.2], [-0.2, 0.15], [0.0, 0.0], [0.2, -0.2]])
+    np.testing.assert_allclose(points[[0, 1, 9, 40, 80], :2], expected, atol=1e-15)
+    np.testing.assert_allclose(points[:, 2], 0.0035)
 
 
 unit = st.floats(-1, 1)

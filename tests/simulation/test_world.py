@@ -11,12 +11,14 @@ import pytest
 from handeye.robot_bridge.drivers.simulated import SimulatedRobot
 from handeye.rpc.errors import Busy, InvalidArgument
 from handeye.simulation import grasping, gripper, puma
-from handeye.simulation.objects import CUPS, GRID, ObjectSpec
+from handeye.simulation.objects import BALL, CUPS, GRID, ObjectSpec
+from handeye.simulation.pose import Pose
 from handeye.simulation.profile import Profile
 from handeye.simulation.scene import FINGER_1, FINGER_2, STEP
 from handeye.simulation.world import World
 
 CUP = CUPS["blue cup"]
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def fingerprint(world: World, seed: int) -> str:
@@ -109,8 +111,107 @@ def test_wrong_placements_are_refused(world: World) -> None:
         world.place(CUPS["red tumbler"], (0.6, 0.64))
     with pytest.raises(InvalidArgument, match="there are: blue cup"):
         world.remove("vase")
-    with pytest.raises(ValueError, match="known are cup, tumbler, mug, grid"):
+    with pytest.raises(ValueError, match="known are cup, tumbler, mug, grid, ball"):
         ObjectSpec("vase", "vase")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"must be twice its radius, 0\.03 m, got 0\.095 m"):
+        ObjectSpec("egg", "ball", radius=0.015)
+
+
+def test_what_is_refused_another_place_stays_where_it_was(world: World) -> None:
+    world.place(CUP, (0.6, 0.0))
+    world.place(CUPS["red tumbler"], (0.7, 0.1))
+    before, version = world.state().object(CUP.name).pose, world.scene().version
+    with pytest.raises(InvalidArgument, match="red tumbler is there"):
+        world.place(CUP, (0.7, 0.1))
+    with pytest.raises(InvalidArgument, match="red tumbler is there"):
+        world.hold(CUP, Pose(np.array([0.7, 0.1, 0.06]), LEVEL))
+    assert world.scene().version == version
+    assert np.array_equal(world.state().object(CUP.name).pose.position, before.position)
+
+
+def test_a_ball_lies_where_it_is_placed(world: World) -> None:
+    world.place(BALL, (0.6, 0.0))
+    SimulatedRobot(world).advance(2.0)
+    np.testing.assert_allclose(world.state().object("ball").pose.position, [0.6, 0.0, 0.015], atol=1e-4)
+
+
+def test_what_is_held_stays_in_the_air(world: World) -> None:
+    pose = Pose(np.array([0.8, 0.1, 0.4]), np.array([0.5, -0.5, 0.1, 0.7]))
+    version = world.place(CUPS["red tumbler"], (0.7, 0.1)).version
+    scene = world.hold(CUP, pose)
+    assert scene.version > version
+    assert [spec.name for spec in scene.objects] == ["red tumbler", CUP.name]
+    assert world.time == pytest.approx(0.2)
+    held = world.state()
+    assert held.scene_version == scene.version
+    SimulatedRobot(world).advance(1.0)
+    for state in (held, world.state()):
+        there = state.object(CUP.name).pose
+        assert np.array_equal(there.position, pose.position)
+        np.testing.assert_allclose(there.orientation, pose.orientation, atol=1e-15)
+    with pytest.raises(KeyError):
+        world.state(0.1).object(CUP.name)
+
+
+def test_what_is_held_is_felt_and_does_not_give_way(world: World, robot: SimulatedRobot) -> None:
+    tool = world.state().tool.position
+    world.hold(BALL, Pose(tool, LEVEL))
+    assert robot.close_gripper().gripper_opening == pytest.approx(2 * BALL.radius, abs=1e-3)
+    ball = world.state().object("ball")
+    assert (ball.touches_finger_1, ball.touches_finger_2) == (True, True)
+    assert np.array_equal(ball.pose.position, tool)
+    assert np.array_equal(ball.pose.orientation, LEVEL)
+
+
+def test_holding_and_placing_replace_each_other(world: World) -> None:
+    world.place(CUP, (0.6, 0.0))
+    for position in ([0.6, 0.0, 0.3], [0.6, 0.0, 0.31]):
+        assert world.hold(CUP, Pose(np.array(position), LEVEL)).objects == (CUP,)
+        assert np.array_equal(world.state().object(CUP.name).pose.position, position)
+    assert world.place(CUP, (0.6, 0.05)).objects == (CUP,)
+    np.testing.assert_allclose(world.state().object(CUP.name).pose.position, [0.6, 0.05, CUP.height / 2], atol=1e-4)
+    world.hold(CUP, Pose(np.array([0.6, 0.0, CUP.height / 2]), LEVEL))  # touches the table, is not in it
+    assert world.remove(CUP.name).objects == ()
+    assert world.state().objects == ()
+    world.hold(CUP, Pose(np.array([0.6, 0.0, 0.3]), LEVEL))
+    assert world.reset(0).objects == ()
+    assert world.state().objects == ()
+
+
+@pytest.mark.parametrize(
+    ("position", "orientation", "message"),
+    [
+        ([0.6, 0.0, np.nan], LEVEL, "position of 'grid' must be 3 finite numbers"),
+        ([0.6, 0.0], LEVEL, "position of 'grid' must be 3 finite numbers"),
+        ([0.6, 0.0, 1e308], LEVEL, "the lab reaches 4 m"),
+        ([0.6, 0.0, 0.5], [0.0, 0.0, 0.0, np.inf], "orientation of 'grid' must be 4 finite numbers"),
+        ([0.6, 0.0, 0.5], [0.0, 0.0, 1.0], "orientation of 'grid' must be 4 finite numbers"),
+        ([0.6, 0.0, 0.5], [0.0, 0.0, 0.0, 1.00001], "a unit quaternion .*, got one of length 1.00001"),
+        ([0.6, 0.0, 0.5], [0.0, 0.0, 0.0, 0.0], "a unit quaternion .*, got one of length 0"),
+        ([0.6, 0.0, 0.5], [1e308, 1e308, 0.0, 0.0], "a unit quaternion .*, got one of length 1.41"),
+        ([0.9, 0.3, 0.5], LEVEL, "blue cup is there"),
+        (puma.BASE_POSITION.tolist(), LEVEL, "the robot is there"),
+        ([0.35, 0.0, 0.2], LEVEL, "the robot is there"),
+        ([0.6, 0.0, 0.1], [0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)], "the table is there"),
+        ([0.6, 0.0, 0.0025], LEVEL, "the table is there"),
+        ([2.0, 0.0, puma.FLOOR], LEVEL, "the floor is there"),
+    ],
+)
+def test_wrong_poses_to_hold_something_at_are_refused(
+    world: World, position: list[float], orientation: list[float], message: str
+) -> None:
+    world.hold(CUP, Pose(np.array([0.9, 0.3, 0.5]), LEVEL))
+    before = world.scene()
+    with pytest.raises(InvalidArgument, match=message):
+        world.hold(GRID, Pose(np.array(position), np.array(orientation)))
+    assert world.scene() == before
+    assert [item.name for item in world.state().objects] == [CUP.name]
+
+
+def test_a_quaternion_that_is_nearly_of_unit_length_is_normalised(world: World) -> None:
+    world.hold(BALL, Pose(np.array([0.6, 0.0, 0.5]), np.array([0.6, 0.0, 0.0, 0.8]) * (1 + 5e-7)))
+    held = world.state().object("ball").pose
+    np.testing.assert_allclose(held.orientation, [0.6, 0.0, 0.0, 0.8], atol=1e-15)
 
 
 def test_history_is_exact_to_the_step_and_knows_its_ends(world: World) -> None:
@@ -142,6 +243,8 @@ def test_reset_and_place_are_busy_during_a_motion(world: World) -> None:
         world.reset(0)
     with pytest.raises(Busy):
         world.place(CUP, (0.6, 0.0))
+    with pytest.raises(Busy):
+        world.hold(BALL, Pose(np.array([0.6, 0.0, 0.5]), LEVEL))
     with pytest.raises(Busy):
         world.start_gripper(opening=True)
 

@@ -38,7 +38,7 @@ KNOWN = {
         ),
         "client",
     ),
-    "simulation": RoleVerbs(("teach", "place", "demo"), "all"),
+    "simulation": RoleVerbs(("teach", "place", "collect", "evaluate", "demo"), "all"),
 }
 """The roles by the names of their entry points. A role that is not here may still register verbs."""
 

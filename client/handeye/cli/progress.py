@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -21,3 +21,11 @@ def progress(console: Console) -> Iterator[Progress]:
     )
     with Progress(*columns, console=console) as bar:
         yield bar
+
+
+@contextmanager
+def counted(console: Console, title: str, total: int) -> Iterator[Callable[[], None]]:
+    """One bar on `console`; what is given is called for each of `total` steps done."""
+    with progress(console) as bar:
+        task = bar.add_task(title, total=total)
+        yield lambda: bar.advance(task)

@@ -105,6 +105,18 @@ def vector(values: ArrayLike, what: str) -> list[float]:
     return [float(value) for value in array]
 
 
+def rows_of_points(values: ArrayLike) -> list[list[list[float]]]:
+    """`values` (rows, columns, 3) as lists; `WrongArrays` when they are something else or not finite."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise WrongArrays(f"points must be numbers: {error}") from error
+    if array.ndim != 3 or array.shape[2] != 3 or not np.isfinite(array).all():
+        raise WrongArrays(f"points must be finite, of shape (rows, columns, 3), not {array.shape}")
+    rows: list[list[list[float]]] = array.tolist()
+    return rows
+
+
 def batches(rows: Floats, other: Floats | None = None) -> Iterator[slice]:
     """Parts of `rows` (and as many rows of `other`) that are sent at once."""
     width = 8 * (rows.shape[1] + (0 if other is None else other.shape[1]))

@@ -79,6 +79,70 @@ class RunResult(Model):
     subtasks: tuple[SubtaskResult, ...]
 
 
+class Seen(Model):
+    """Where something was seen, `point` in px; head in rad; world time in s."""
+
+    point: Point
+    pan: float
+    tilt: float
+    world_time: float
+
+
+class AnswerOf(Model):
+    """What one module's answer came from."""
+
+    module: str
+    support: float
+    neighbours: tuple[Neighbour, ...]
+
+
+class ReachLook(Model):
+    """One look of a reach: hand and target in px, `away` from each other in m; `delta` and `moved` in rad."""
+
+    number: int
+    world_time: float
+    target: Point
+    hand: Point
+    away: float
+    delta: tuple[float, ...]
+    moved: tuple[float, ...]
+    answers: tuple[AnswerOf, ...]
+    picture: str
+
+
+class ReachResult(Model):
+    """The looks of a reach."""
+
+    looks: tuple[ReachLook, ...]
+
+
+class GazeLook(Model):
+    """One look of a gaze: `point` and its `offset` from the middle in px; the head and its `turn` in rad."""
+
+    number: int
+    world_time: float
+    point: Point
+    offset: float
+    pan: float
+    tilt: float
+    turn: tuple[float, ...]
+    support: float
+
+
+class GazeResult(Model):
+    """The looks of a gaze; `middle` of the left picture (row, column) in px."""
+
+    looks: tuple[GazeLook, ...]
+    middle: tuple[float, float]
+
+
+class CollectResult(Model):
+    """Samples that were added, by module, and what was not written down, by reason."""
+
+    added: dict[str, int]
+    rejected: dict[str, int]
+
+
 class JobError(Model):
     """Why a job failed: a stable code and a sentence."""
 
@@ -87,9 +151,9 @@ class JobError(Model):
 
 
 class Job(Model):
-    """Long work: a run of a task, a training, or a motion; read as the class of its kind.
+    """Long work: a run of a task, a training, a motion, a reach, a gaze, collecting; read as the class of its kind.
 
-    `subject` is the task, the module or the action; `progress` is a share in [0, 1], None while it is not known.
+    `subject` is the task, module, action or thing; `progress` is a share in [0, 1], None while it is not known.
     """
 
     id: str
@@ -176,7 +240,41 @@ class MotionJob(Job):
     noun = "Motion"
 
 
-_KINDS: dict[str, type[Job]] = {"run": RunJob, "train": TrainJob, "motion": MotionJob}
+class ReachJob(Job):
+    """A reach of the hand for `subject`."""
+
+    kind: Literal["reach"]
+    result: ReachResult | None = None
+
+    noun = "Reach for"
+
+
+class GazeJob(Job):
+    """A turn of the head to `subject`."""
+
+    kind: Literal["gaze"]
+    result: GazeResult | None = None
+
+    noun = "Gaze at"
+
+
+class CollectJob(Job):
+    """Collecting of samples for the modules `subject`."""
+
+    kind: Literal["collect"]
+    result: CollectResult | None = None
+
+    noun = "Collecting for"
+
+
+_KINDS: dict[str, type[Job]] = {
+    "run": RunJob,
+    "train": TrainJob,
+    "motion": MotionJob,
+    "reach": ReachJob,
+    "gaze": GazeJob,
+    "collect": CollectJob,
+}
 
 
 class Jobs(PageModel):
@@ -188,7 +286,7 @@ class Jobs(PageModel):
 class JobEvent(Model):
     """Something that happened in a job; `number` counts from 1.
 
-    `kind` is state (data: the job), progress, subtask, look, not_seen or stop.
+    `kind` is state (data: the job), progress, subtask, look, not_seen, stop or posture.
     """
 
     number: int

@@ -8,11 +8,15 @@ from handeye.client._model import Model
 
 
 class Robot(Model):
-    """What the robot's own sensors say: s, rad, rad/s, m; `still_since` is None while it moves."""
+    """What the robot's own sensors say: s, rad, rad/s, m; `still_since` is None while it moves.
+
+    `point` is the tool centre point that the robot's own kinematics make of its joints, world frame.
+    """
 
     world_time: float
     joints: tuple[float, ...]
     velocities: tuple[float, ...]
+    point: tuple[float, float, float]
     gripper_opening: float
     moving: bool
     stopped: bool

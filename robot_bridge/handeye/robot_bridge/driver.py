@@ -50,13 +50,15 @@ class RobotDescription:
 class RobotState:
     """What the robot's own sensors say.
 
-    world_time in s; joints are encoder readings in rad, velocities in rad/s; gripper_opening is the distance
-    between the pads in m; still_since is the world time since when arm and gripper stand still (inf while moving).
+    world_time in s; joints are encoder readings in rad, velocities in rad/s; point (3,) is the tool centre point, in m,
+    world frame, that the robot's own kinematics make of the encoder readings; gripper_opening is the distance between
+    the pads in m; still_since is the world time since when arm and gripper stand still (inf while moving).
     """
 
     world_time: float
     joints: Joints
     velocities: Joints
+    point: NDArray[np.float64]
     gripper_opening: float
     moving: bool
     stopped: bool

@@ -1,22 +1,24 @@
 """The way of the data, one short function for each arrow. The page to read first.
 
-    images --RSS--> I --ASM--> I' --IJS--> Δθ --> robot
+    images --RSS--> I --ASM--> I' --CSS--> C --CAS--> A --AJS--> Δθ --> robot      the long way
+                    |    |             (and T)   (and θ)
+                    |    `---> I' --IJS--> Δθ --> robot                              the short cut
+                    `--SCS--> S --> head
 
 * Images: left and right, (rows, columns, 3) uint8.
 * I (`ImagePair`): where object and hand are in the stereo image, two points (row, column, disparity) in px.
-* I' (`ImageVector`): the action, as the way from hand to object in the stereo image, in px.
-* Δθ (`JointDifference`): how far each joint is to turn, in rad.
+* I': the action. For the long way the point where the hand is to be (`ImagePoint`), for the short cut the way from hand
+  to object (`ImageVector`), in px: differences between pictures go to IJS only.
+* C (`CameraPoint`): that point in the camera's frame, in m.
+* A (`ArmPoint`): in the arm's frame, in m; T (`HeadAngles`), where the head points, goes with it.
+* Δθ (`JointDifference`): how far each joint is to turn, in rad; the joints as they are go with it.
+* S (`HeadTurn`): how far the head is to turn to centre a point, in rad.
 
-The acting loop of `handeye.server.executor` goes this way once for each look.
-
-RSS, recognition and segmentation, finds things. ASM, action specification, says what is to be done about them; the
-subtask goes with it. IJS, image to joints, is the learned module that the thesis used in its real experiments (4.2.5).
-Nothing on this way knows where the cameras or the arm stand: what it needs of that is in the taught samples.
-
-IJS is a short cut. The long way of the thesis (3.1) is not here yet: CSS, from I' to a point C in the camera's frame;
-CAS, from C and the head's pan and tilt to a point A in the arm's frame; AJS, from A and the joints to Δθ; and
-beside it SCS, from I to the turn of the head that centres the object. Until then the head must stand as it stood while
-teaching.
+RSS, recognition and segmentation, finds things. ASM, action specification, says what is to be done about them. The
+others are learned: CSS, CAS and AJS (thesis 3.1), the single IJS that replaces them in the thesis's real experiments
+(4.2.5), and SCS. Nothing on these ways knows where the cameras or the arm stand, nor how an arm is built: what they
+need of that is in the samples. `handeye.server.executor` goes the short cut once for each look, `handeye.server.reach`
+the long way.
 """
 
 from __future__ import annotations
@@ -26,10 +28,23 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from handeye.modules import ajs as _ajs
+from handeye.modules import cas as _cas
+from handeye.modules import scs as _scs
 from handeye.modules.answers import Answer
 from handeye.modules.ijs import input_vector
 from handeye.modules.module import Module
-from handeye.modules.spaces import ImagePair, ImageVector, JointAngles, JointDifference
+from handeye.modules.spaces import (
+    ArmPoint,
+    CameraPoint,
+    HeadAngles,
+    HeadTurn,
+    ImagePair,
+    ImagePoint,
+    ImageVector,
+    JointAngles,
+    JointDifference,
+)
 
 Image = NDArray[np.uint8]
 
@@ -68,3 +83,31 @@ def image_to_joints(
     """
     answer = ijs.answer(input_vector(subtask, action, joints))
     return JointDifference(answer.output), answer
+
+
+def image_to_camera(css: Module, point: ImagePoint) -> tuple[CameraPoint, Answer]:
+    """CSS: a point of the stereo image -> C, and the answer it was taken from. `NotTaught` without samples."""
+    answer = css.answer(point.array())
+    return CameraPoint(answer.output), answer
+
+
+def camera_to_arm(cas: Module, point: CameraPoint, head: HeadAngles) -> tuple[ArmPoint, Answer]:
+    """CAS: C and T -> A, and the answer it was taken from. `NotTaught` without samples."""
+    answer = cas.answer(_cas.input_vector(point, head))
+    return ArmPoint(answer.output), answer
+
+
+def arm_to_joints(ajs: Module, point: ArmPoint, joints: JointAngles) -> tuple[JointDifference, Answer]:
+    """AJS: A and the joints -> Δθ, and the answer it was taken from. `NotTaught` without samples."""
+    answer = ajs.answer(_ajs.input_vector(point, joints))
+    return JointDifference(answer.output), answer
+
+
+def image_to_head(scs: Module, point: ImagePoint, tilt: float) -> tuple[HeadTurn, Answer]:
+    """SCS: a point of the stereo image and the head's tilt in rad -> S, and the answer it was taken from.
+
+    `NotTaught` without samples.
+    """
+    answer = scs.answer(_scs.input_vector(point, tilt))
+    pan, tilt_turn = answer.output.tolist()
+    return HeadTurn(pan, tilt_turn), answer

@@ -48,16 +48,14 @@ class Recogniser:
         when either is hidden, cut or absent in one of the pictures; `KeyError` for a name that was never registered;
         `ValueError` when the pictures differ in size.
         """
-        if name not in self._models:
-            raise KeyError(f"no object named {name!r} is registered; known are {', '.join(self.objects) or 'none'}")
-        if left.shape != right.shape:
-            raise ValueError(f"left and right picture differ in size: {left.shape} and {right.shape}")
+        self._model(name)
         hand, hand_confidence = self.see_hand(left, right)
-        found, object_confidence = self._see_object(left, right, name)
+        found, object_confidence = self.see_object(left, right, name)
         return ImagePair(found, hand, object_confidence, hand_confidence)
 
     def see_hand(self, left: Image, right: Image) -> tuple[ImagePoint, float]:
-        """The hand's marker and the confidence in [0, 1]; `NotSeen` when it is not whole in both pictures."""
+        """The hand's marker and the confidence in [0, 1]; raises as `see` does."""
+        _check_sizes(left, right)
         in_left, in_right = self._hand_in(left, "left"), self._hand_in(right, "right")
         if not _same_point(in_left, in_right):
             raise NotSeen(
@@ -67,6 +65,11 @@ class Recogniser:
             )
         point = ImagePoint(in_left.row, in_left.column, in_left.column - in_right.column)
         return point, min(in_left.correlation, in_right.correlation)
+
+    def _model(self, name: str) -> ObjectModel:
+        if name not in self._models:
+            raise KeyError(f"no object named {name!r} is registered; known are {', '.join(self.objects) or 'none'}")
+        return self._models[name]
 
     def _hand_in(self, image: Image, picture: str) -> MarkerSighting:
         found = self._marker.locate(image)
@@ -78,8 +81,10 @@ class Recogniser:
             )
         return found
 
-    def _see_object(self, left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
-        model = self._models[name]
+    def see_object(self, left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
+        """The object's silhouette and the confidence in [0, 1]; raises as `see` does."""
+        _check_sizes(left, right)
+        model = self._model(name)
         in_left = _whole(model.locate(left), name, "left")
         in_right = _whole(model.locate(right), name, "right")
         pairs = [(a, b) for a in in_left for b in in_right if _same_point(a, b) and _same_size(a, b)]
@@ -92,6 +97,11 @@ class Recogniser:
         best_left, best_right = max(pairs, key=lambda pair: pair[0].score + pair[1].score)
         point = ImagePoint(best_left.row, best_left.column, best_left.column - best_right.column)
         return point, min(best_left.score, best_right.score)
+
+
+def _check_sizes(left: Image, right: Image) -> None:
+    if left.shape != right.shape:
+        raise ValueError(f"left and right picture differ in size: {left.shape} and {right.shape}")
 
 
 def _whole(sightings: list[Sighting], name: str, picture: str) -> list[Sighting]:

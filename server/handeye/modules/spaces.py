@@ -1,9 +1,9 @@
 """The spaces on the way of the data, one frozen dataclass each.
 
-Pictures are I; what recognition finds in them are points in the stereo image; the action is a vector between two such
-points; the answer is a difference of joint angles. Rows and columns are counted in px from the centre of the top left
-pixel; disparity = left column - right column. `array()` gives a space's components as float64 in the order of its
-fields.
+Pictures are I; what recognition finds in them are points in the stereo image. The short way goes from a vector between
+two such points to a difference of joint angles; the long way goes over a point in the camera's frame and one in the
+arm's. Rows and columns are counted in px from the centre of the top left pixel; disparity = left column - right column.
+`array()` gives a space's components as float64 in the order of its fields.
 """
 
 from __future__ import annotations
@@ -53,6 +53,52 @@ class ImageVector:
     def array(self) -> Floats:
         """(delta row, delta column, delta disparity), shape (3,)."""
         return np.array([self.rows, self.columns, self.disparity], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class HeadAngles:
+    """T, where the head points: dimension 2, rad, pan positive to its left and tilt positive upwards."""
+
+    pan: float
+    tilt: float
+
+    def array(self) -> Floats:
+        """(pan, tilt), shape (2,)."""
+        return np.array([self.pan, self.tilt], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPoint:
+    """C, a point in space: (x, y, z), dimension 3, m, frame: the left camera's (x right, y down, z forward)."""
+
+    position: Floats
+
+    def array(self) -> Floats:
+        """(x, y, z), shape (3,)."""
+        return np.asarray(self.position, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmPoint:
+    """A, where the arm's point has to be for the hand to be seen at a place: (x, y, z), dimension 3, m, frame: the arm.
+
+    The arm's point is what the robot makes of its joint readings (`RobotState.point`), between the fingers; the hand is
+    seen by another point, at its back. CAS learns one from the other, so nobody has to measure the way between them.
+    """
+
+    position: Floats
+
+    def array(self) -> Floats:
+        """(x, y, z), shape (3,)."""
+        return np.asarray(self.position, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class HeadTurn:
+    """S, how far the head is to turn so that a point comes to the middle of the left picture: dimension 2, rad."""
+
+    pan: float
+    tilt: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

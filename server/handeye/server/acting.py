@@ -1,4 +1,4 @@
-"""What an acting task may do to the robot, and the bounds within which it does it."""
+"""What an acting task may do to robot and head, and the bounds within which it does it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,21 @@ from typing import Protocol
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from handeye.camera_bridge.driver import HeadDriver, HeadState, Tick
+from handeye.modules.spaces import HeadAngles
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch
 from handeye.rpc.errors import Busy
+from handeye.server.problem import Conflict
 
+_TURN_LIMIT = 30.0  # s that the head may take to turn
 _REST_STEP = 0.05  # s of world time to wait before asking again whether the arm has come to rest
 _REST_LIMIT = 2.0  # s of world time after which an arm that still moves is an error
+
+
+class OutsideTaughtRegion(Conflict):
+    """The query lies where nothing was taught: the arm holds instead of guessing."""
+
+    code = "outside_taught_region"
 
 
 class ActingSettings(BaseModel):
@@ -53,6 +63,11 @@ class LeasedRobot(Protocol):
     @property
     def description(self) -> RobotDescription:
         """What the robot is; does not change."""
+        ...
+
+    @property
+    def lease_id(self) -> str:
+        """The secret of the lease that is held, for the head's turns; empty without one."""
         ...
 
     def lease(self) -> AbstractContextManager[None]:
@@ -147,3 +162,23 @@ class ActingRobot:
                 raise Busy(f"the arm has not come to rest within {_REST_LIMIT} s of world time")
             state = self.wait(_REST_STEP)
         return state
+
+
+class ActingHead:
+    """A head as an acting task sees it: it turns, and says where it points."""
+
+    __slots__ = ("__driver", "__robot", "__tick")
+
+    def __init__(self, driver: HeadDriver, robot: LeasedRobot, tick: Tick) -> None:
+        """It turns under `robot`'s lease; `tick` is called about every 20 ms meanwhile, raising from it ends a turn."""
+        self.__driver = driver
+        self.__robot = robot
+        self.__tick = tick
+
+    def state(self) -> HeadState:
+        """Where it points now."""
+        return self.__driver.state()
+
+    def turn(self, to: HeadAngles) -> HeadState:
+        """Turns to `to`; returns where it stands then. `OutOfLimits` beyond its range."""
+        return self.__driver.move(to.pan, to.tilt, self.__robot.lease_id, _TURN_LIMIT, self.__tick)

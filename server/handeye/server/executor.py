@@ -17,10 +17,11 @@ from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ImagePair, JointDifference
 from handeye.robot_bridge.driver import Joints, RobotState
 from handeye.rpc.errors import OutOfLimits, RpcError
-from handeye.server.acting import ActingRobot, ActingSettings
+from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegion
 from handeye.server.demonstration import Subtask
 from handeye.server.eyes import Eyes, Sighting
 from handeye.server.jobs import Job
+from handeye.server.looking import Looker
 from handeye.server.pictures import side_by_side
 from handeye.server.problem import Conflict
 from handeye.server.results import LookRecord, NeighbourRecord, RunResult, SubtaskRecord
@@ -28,12 +29,6 @@ from handeye.server.results import LookRecord, NeighbourRecord, RunResult, Subta
 log = structlog.get_logger(__name__)
 
 _NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sample of the subtask
-
-
-class OutsideTaughtRegion(Conflict):
-    """The query lies where nothing was taught: the task holds instead of guessing."""
-
-    code = "outside_taught_region"
 
 
 class NotAligned(Conflict):
@@ -63,6 +58,7 @@ class Run:
         skill: Skill,
         object_name: str,
         robot: ActingRobot,
+        looker: Looker,
         eyes: Eyes,
         settings: ActingSettings,
         job: Job,
@@ -73,6 +69,7 @@ class Run:
         self._skill = skill
         self._object = object_name
         self._robot = robot
+        self._looker = looker
         self._eyes = eyes
         self._settings = settings
         self._job = job
@@ -143,14 +140,8 @@ class Run:
 
     def _look(self) -> tuple[RobotState, Sighting, ImagePair, int]:
         """The state at rest, and a pair that shows it; raises `NotSeen` when object or hand is not found."""
-        state = self._robot.at_rest()
-        still_since = state.still_since
-        ready = still_since + self._eyes.latency + self._settings.settle
-        if self._robot.lockstep and state.world_time < ready:
-            # In lockstep nobody else lets the time pass that the cameras need.
-            state = self._robot.wait(ready - state.world_time)
-        sighting = self._eyes.look(self._object, still_since, self._keep_alive)
-        pair = sighting.pair
+        state, pair = self._looker.look()
+        sighting = self._eyes.recognise(pair, self._object)
         picture = self._keep_picture(side_by_side(pair.left.image, pair.right.image, sighting.found))
         if isinstance(sighting.found, NotSeen):
             self._job.publish(
@@ -158,11 +149,6 @@ class Run:
             )
             raise sighting.found
         return state, sighting, sighting.found, picture
-
-    def _keep_alive(self) -> None:
-        """Called while it waits for pictures: the control lease is kept, and a cancelled job ends."""
-        self._robot.beat()
-        self._job.check()
 
     def _refusal(self, subtask: str, turn: JointDifference, answer: Answer) -> Exception | None:
         """Why the robot must not be moved by this answer; None when it may be."""

@@ -9,12 +9,20 @@ from handeye.camera_bridge.driver import CameraDriver, Image, StereoPair, Tick
 from handeye.modules.object_model import ObjectModel
 from handeye.modules.pipeline import Sees, recognise
 from handeye.modules.recognition import NotSeen, Recogniser
-from handeye.modules.spaces import ImagePair
+from handeye.modules.spaces import ImagePair, ImagePoint
 from handeye.server.problem import Invalid
 
 
 class Sight(Sees, Protocol):
     """What finds objects and the hand (RSS), and learns objects too; `Vision` is one."""
+
+    def see_object(self, left: Image, right: Image, name: str, /) -> tuple[ImagePoint, float]:
+        """Where the object is, and the confidence in [0, 1]."""
+        ...
+
+    def see_hand(self, left: Image, right: Image, /) -> tuple[ImagePoint, float]:
+        """Where the hand is, and the confidence in [0, 1]."""
+        ...
 
     def learn(self, name: str, backgrounds: list[Image], examples: list[Image]) -> None:
         """Learns what object `name` looks like; `Invalid` says what is wrong with the pictures."""
@@ -45,6 +53,14 @@ class Vision:
     def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
         """Object and hand in the two pictures; `NotSeen` says what is missing in which picture."""
         return self._recogniser.see(left, right, name)
+
+    def see_object(self, left: Image, right: Image, name: str, /) -> tuple[ImagePoint, float]:
+        """The object and the confidence in [0, 1]; raises as `see` does."""
+        return self._recogniser.see_object(left, right, name)
+
+    def see_hand(self, left: Image, right: Image, /) -> tuple[ImagePoint, float]:
+        """The hand and the confidence in [0, 1]; raises as `see` does."""
+        return self._recogniser.see_hand(left, right)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +95,22 @@ class Eyes:
         `DeadlineExceeded` when there is no such pair in time. `on_tick` is called about every 20 ms while it waits for
         the pictures; what it raises ends the wait.
         """
-        pair = self._cameras.grab_stereo(not_older_than, self._timeout, on_tick)
+        return self.recognise(self.grab(not_older_than, on_tick), object_name)
+
+    def grab(self, not_older_than: float, on_tick: Tick | None = None) -> StereoPair:
+        """The pair that `look` looks at."""
+        return self._cameras.grab_stereo(not_older_than, self._timeout, on_tick)
+
+    def recognise(self, pair: StereoPair, object_name: str) -> Sighting:
+        """Object and hand in a pair, or why not."""
         try:
             return Sighting(pair, recognise(self._sight, pair.left.image, pair.right.image, object_name))
         except NotSeen as missing:
             return Sighting(pair, missing)
+
+    def find(self, pair: StereoPair, object_name: str | None) -> ImagePoint:
+        """The object in a pair, or the hand for None; raises `NotSeen`."""
+        left, right = pair.left.image, pair.right.image
+        if object_name is None:
+            return self._sight.see_hand(left, right)[0]
+        return self._sight.see_object(left, right, object_name)[0]

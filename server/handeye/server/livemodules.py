@@ -164,6 +164,11 @@ class LiveModules:
             stored.add_samples(connection, name, rows, values, samples.demonstrations)
             self._afterwards(name, self._built(name))
 
+    def demonstrations(self, name: str) -> tuple[str, ...]:
+        """The demonstrations that a module's samples came from, by name."""
+        with self._store.read() as connection:
+            return stored.demonstrations_of(connection, self.stored(name, connection).name)
+
     def samples(self, name: str, after: int, limit: int) -> list[TaughtSamples]:
         """The samples with numbers above `after`, at most `limit`, in pieces."""
         with self._store.read() as connection:

@@ -130,6 +130,8 @@ class RobotInfo(_Record):
     """In rad, base to wrist."""
     velocities: tuple[float, ...]
     """In rad/s."""
+    point: Triple
+    """The tool centre point that the robot's own kinematics make of its joints, (x, y, z) in m, world frame."""
     gripper_opening: float
     """Between the pads, in m."""
     moving: bool
@@ -151,6 +153,83 @@ class HeadInfo(_Record):
     moving: bool
     world_time: float
     """In s."""
+
+
+class AnswerRecord(_Record):
+    """What one module's answer came from."""
+
+    module: str
+    support: float
+    """1: amid what was taught; towards 0: outside of it."""
+    neighbours: tuple[NeighbourRecord, ...]
+    """The nearest ones, nearest first."""
+
+
+class ReachLook(_Record):
+    """One look of a reach: where the hand was seen, how far from its goal, and what was moved for it."""
+
+    number: int
+    """Counts the looks, from 0."""
+    world_time: float
+    """World time that the left picture shows, in s."""
+    target: Triple
+    """(row, column, disparity) of where the hand is to be, in pixels."""
+    hand: Triple
+    """The same of where it is seen."""
+    away: float
+    """How far these two are apart by what was learned, in m."""
+    delta: tuple[float, ...]
+    """The answer: joint differences in rad, base to wrist; empty when no motion was asked for."""
+    moved: tuple[float, ...]
+    """Joint differences in rad that the robot reports to have made; empty when nothing was moved."""
+    answers: tuple[AnswerRecord, ...]
+    """Of CSS and CAS for the target, of CSS and CAS for the hand, and of AJS."""
+    picture: str
+    """Path of the look's picture; only the newest few jobs keep theirs."""
+
+
+class ReachResult(_Record):
+    """A reach so far."""
+
+    looks: tuple[ReachLook, ...]
+
+
+class GazeLook(_Record):
+    """One look of a gaze: where the thing was seen, and how the head was turned for it."""
+
+    number: int
+    """Counts the looks, from 0."""
+    world_time: float
+    """World time that the left picture shows, in s."""
+    point: Triple
+    """(row, column, disparity) in pixels."""
+    offset: float
+    """From the middle of the left picture, in px."""
+    pan: float
+    """Where the head pointed, in rad."""
+    tilt: float
+    """In rad."""
+    turn: tuple[float, ...]
+    """How far the head was to turn, (pan, tilt) in rad; empty when it was not turned."""
+    support: float
+    """Of the answer; 1 when none was asked for."""
+
+
+class GazeResult(_Record):
+    """A gaze so far."""
+
+    looks: tuple[GazeLook, ...]
+    middle: tuple[float, ...]
+    """(row, column) of the middle of the left picture, in px."""
+
+
+class CollectResult(_Record):
+    """What was collected so far."""
+
+    added: dict[str, int]
+    """Samples by module."""
+    rejected: dict[str, int]
+    """What was not written down, by reason."""
 
 
 class JobState(StrEnum):
@@ -176,17 +255,29 @@ class JobView(_Record):
     """A job as the REST interface shows it."""
 
     id: str
-    kind: Literal["run", "train", "motion"]
+    kind: Literal["run", "train", "motion", "reach", "gaze", "collect"]
     subject: str
-    """The task that is run, the task or module that is trained, or the motion."""
+    """The task that is run, the task or module that is trained, the motion, what is reached for or looked at, or what
+    is collected for."""
     object: str | None
     """What a task is done with."""
     state: JobState
     progress: float | None
     """Share done, 0..1; null when it is not known."""
     error: JobError | None
-    result: RunResult | TrainStatistics | ModuleStatistics | RobotInfo | HeadInfo | None
-    """So far; of a run `subtasks`, of a training statistics, of a motion the state that was reached."""
+    result: (
+        RunResult
+        | TrainStatistics
+        | ModuleStatistics
+        | RobotInfo
+        | HeadInfo
+        | ReachResult
+        | GazeResult
+        | CollectResult
+        | None
+    )
+    """So far; of a run `subtasks`, of a training statistics, of a motion the state that was reached, of a reach or a
+    gaze its looks, of collecting what was added."""
     created: datetime
     started: datetime | None
     ended: datetime | None

@@ -12,6 +12,8 @@ from handeye.rpc.settings import SECRETS
 from handeye.server.access.limits import LimitSettings
 from handeye.server.access.logs import Level
 from handeye.server.acting import ActingSettings
+from handeye.server.gaze import GazeSettings
+from handeye.server.reach import ReachSettings
 
 
 def default_data_dir() -> Path:
@@ -68,3 +70,7 @@ class ServerSettings(BaseSettings):
     """What is logged: "debug" adds who asks for health and metrics."""
     acting: ActingSettings = ActingSettings()
     """How an acting task looks and moves."""
+    reaching: ReachSettings = ReachSettings()
+    """How the hand is brought to a point."""
+    gazing: GazeSettings = GazeSettings()
+    """How the head is turned to something."""

@@ -35,6 +35,7 @@ class LabService:
             methods.LAB_GET_HISTORY: self._get_history,
             methods.LAB_RESET_WORLD: self._reset,
             methods.LAB_PLACE_OBJECT: self._place,
+            methods.LAB_HOLD_OBJECT: self._hold,
             methods.LAB_REMOVE_OBJECT: self._remove,
         }
         self._serving = bus.serve(handlers)
@@ -66,6 +67,9 @@ class LabService:
             raise InvalidArgument(f"position must be (x, y), got {list(request.position)}", detail="position")
         spec = spec_from_proto(request.object)
         return scene_to_proto(self._world.place(spec, list(request.position), request.yaw))
+
+    def _hold(self, request: lab_pb2.HoldObjectRequest, _call: Call) -> lab_pb2.Scene:
+        return scene_to_proto(self._world.hold(spec_from_proto(request.object), _pose_from_proto(request.pose)))
 
     def _remove(self, request: lab_pb2.RemoveObjectRequest, _call: Call) -> lab_pb2.Scene:
         return scene_to_proto(self._world.remove(request.name))
@@ -103,6 +107,11 @@ class LabClient:
         """Puts an object on the table, its axis at `xy` (m); it has settled when the call returns."""
         request = lab_pb2.PlaceObjectRequest(object=spec_to_proto(spec), position=[float(xy[0]), float(xy[1])], yaw=yaw)
         return scene_from_proto(self._bus.call(methods.LAB_PLACE_OBJECT, request, timeout=self._timeout))
+
+    def hold(self, spec: ObjectSpec, pose: Pose) -> Scene:
+        """Holds an object in the air at `pose`, where nothing moves it."""
+        request = lab_pb2.HoldObjectRequest(object=spec_to_proto(spec), pose=_pose_to_proto(pose))
+        return scene_from_proto(self._bus.call(methods.LAB_HOLD_OBJECT, request, timeout=self._timeout))
 
     def remove(self, name: str) -> Scene:
         """Takes an object away."""

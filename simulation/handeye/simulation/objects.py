@@ -1,4 +1,4 @@
-"""The objects of the lab: what they are, a catalogue of cups, and how they are built into PyBullet.
+"""The objects of the lab: what they are, a catalogue of them, and how they are built into PyBullet.
 
 World and mirror build them with the same code, so they look the same in both. An object's body frame has its origin at
 the centre of its shape, z along its axis; a mug's handle is at +x.
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from handeye.simulation import urdf
 
-Shape = Literal["cup", "tumbler", "mug", "grid"]
+Shape = Literal["cup", "tumbler", "mug", "grid", "ball"]
 
 FRICTION = 0.6
 """Friction coefficient of every object; with the pads' 0.8 the product is 0.48."""
@@ -32,19 +32,22 @@ _MARGIN = 0.001  # Bullet's collision margin, m
 _TAPER = math.radians(6.0)
 _GRID_SQUARES = GRID_INTERSECTIONS + 1
 _GRID_MARGIN = 0.4  # white margin around the squares, as a share of a square
+_GRID_LIFT = 0.0005  # the squares lie so far above the board, lest it shows through, m
+_SOLID = ("grid", "ball")  # shapes without a wall
+_BALL_SEGMENTS = 32  # from pole to pole
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectSpec:
-    """An object that can stand on the table.
+    """An object that can stand on the table, or be held in the air.
 
     Attributes:
         name: unique in the world.
         shape: "cup" (straight wall), "tumbler" (wider at the top), "mug" (with a handle), "grid" (flat
-            chessboard target, 9×9 intersections).
+            chessboard target, 9×9 intersections), "ball".
         radius: outer radius at half height, in m (grid: half of its width).
-        height: in m (grid: its thickness).
-        wall: wall thickness, in m.
+        height: in m (grid: its thickness; ball: 2 · radius).
+        wall: wall thickness, in m (grid and ball are solid: it does not count).
         mass: in kg.
         color: (red, green, blue), each 0..1 (a grid is black and white).
     """
@@ -64,7 +67,11 @@ class ObjectSpec:
         wrong = [name for name, value in sizes.items() if not (math.isfinite(value) and value > 0)]
         if wrong:
             raise ValueError(f"{', '.join(wrong)} of object {self.name!r} must be positive")
-        if self.shape != "grid" and not 2 * _MARGIN < self.wall < self.radius / 2:
+        if self.shape == "ball" and not math.isclose(self.height, 2 * self.radius):
+            raise ValueError(
+                f"height of ball {self.name!r} must be twice its radius, {2 * self.radius:g} m, got {self.height:g} m"
+            )
+        if self.shape not in _SOLID and not 2 * _MARGIN < self.wall < self.radius / 2:
             raise ValueError(f"wall of object {self.name!r} must be over 2 mm and under half of its radius")
         if len(self.color) != 3 or not all(0 <= channel <= 1 for channel in self.color):
             raise ValueError(f"color of object {self.name!r} must be three numbers in 0..1, got {self.color}")
@@ -90,18 +97,37 @@ CUPS: dict[str, ObjectSpec] = {
 GRID = ObjectSpec("grid", "grid", radius=0.27, height=0.006, wall=0.0, mass=1.0, color=(1.0, 1.0, 1.0))
 """The thesis's grid target (3, Fig 4.16): 9×9 intersections 5 cm apart, 40×40 cm between the outermost."""
 
+BALL = ObjectSpec("ball", "ball", radius=0.015, height=0.03, wall=0.0, mass=0.02, color=(0.85, 0.15, 0.55))
+"""A ball to be held in the air: a point in space that looks the same from everywhere."""
+
 
 def grid_pitch(spec: ObjectSpec) -> float:
     """Distance between neighbouring intersections of a grid, in m."""
     return 2 * spec.radius / (_GRID_SQUARES + 2 * _GRID_MARGIN)
 
 
-def build(client: int, spec: ObjectSpec) -> int:
-    """Adds an object to the PyBullet client `client`, at the world's origin; returns its body id."""
+def grid_points(spec: ObjectSpec) -> NDArray[np.float64]:
+    """The intersections of a grid as they are drawn, (81, 3) in m, in its body frame, on its upper face.
+
+    Row by row as a picture is read, seen from above with +y up: the first has the least x and the greatest y, the
+    second follows it in x.
+    """
+    steps = grid_pitch(spec) * (np.arange(GRID_INTERSECTIONS) - (GRID_INTERSECTIONS - 1) / 2)
+    y, x = np.meshgrid(-steps, steps, indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, _grid_top(spec))])
+
+
+def build(client: int, spec: ObjectSpec, *, fixed: bool = False) -> int:
+    """Adds an object to the PyBullet client `client`, at the world's origin; returns its body id.
+
+    What is `fixed` collides, but neither gravity nor contact moves it.
+    """
     with tempfile.TemporaryDirectory(prefix="handeye-object-") as folder:
         path = Path(folder) / "object.urdf"
         path.write_text(urdf.robot("object", _link(spec, Path(folder))))
-        body: int = pybullet.loadURDF(str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
+        body: int = pybullet.loadURDF(
+            str(path), useFixedBase=fixed, flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
+        )
     pybullet.changeDynamics(
         body,
         -1,
@@ -121,6 +147,8 @@ def build(client: int, spec: ObjectSpec) -> int:
 def _link(spec: ObjectSpec, folder: Path) -> str:
     if spec.shape == "grid":
         return urdf.link("object", *_grid(spec, folder))
+    if spec.shape == "ball":
+        return urdf.link("object", *_ball(spec, folder))
     taper = _TAPER if spec.shape == "tumbler" else 0.0
     parts = [_inertial(spec), *_walls(spec, taper), _bottom(spec, taper), _lathe(spec, taper, folder)]
     if spec.shape == "mug":
@@ -186,11 +214,27 @@ def _handle(spec: ObjectSpec) -> list[str]:
     ]
 
 
+def _ball(spec: ObjectSpec, folder: Path) -> list[str]:
+    """A solid ball: felt as a true sphere, seen as a turned one."""
+    turn = np.linspace(0.0, math.pi, _BALL_SEGMENTS + 1)
+    outline = spec.radius * np.column_stack([np.sin(turn), -np.cos(turn)])
+    return [
+        urdf.inertial(spec.mass, (0.4 * spec.mass * spec.radius**2,) * 3),
+        urdf.collision(urdf.sphere(spec.radius)),
+        urdf.visual(urdf.mesh(urdf.write_lathe(folder / "ball.obj", outline)), spec.color),
+    ]
+
+
+def _grid_top(spec: ObjectSpec) -> float:
+    """Height of a grid's squares in its body frame, in m."""
+    return spec.height / 2 + _GRID_LIFT
+
+
 def _grid(spec: ObjectSpec, folder: Path) -> list[str]:
     """A white board with black squares; a square has its corners on the intersections."""
     black = np.indices((_GRID_SQUARES, _GRID_SQUARES)).sum(axis=0) % 2 == 0
     pitch = grid_pitch(spec)
-    top = (0.0, 0.0, spec.height / 2 + 0.0005)
+    top = (0.0, 0.0, _grid_top(spec))
     board = (2 * spec.radius, 2 * spec.radius, spec.height)
     across = spec.mass * (2 * spec.radius) ** 2 / 12
     white_mesh = urdf.write_cells(folder / "white.obj", ~black, pitch)

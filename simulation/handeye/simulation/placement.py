@@ -9,13 +9,16 @@ import pybullet
 from numpy.typing import NDArray
 
 from handeye.rpc.errors import InvalidArgument
-from handeye.simulation import scene
+from handeye.simulation import objects, scene
 from handeye.simulation.objects import ObjectSpec
+from handeye.simulation.pose import Pose
 from handeye.simulation.scene import Stage
 
 Array = NDArray[np.float64]
 
 _MARGIN = 0.01  # objects stand this far inside the table, m
+_TOUCH = 1e-4  # what overlaps by less touches: an object that stands on the table is not in it, m
+_UNIT = 1e-6  # how far from 1 the length of a unit quaternion may be
 
 
 def require_on_table(spec: ObjectSpec, xy: Array, yaw: float) -> None:
@@ -33,24 +36,55 @@ def require_on_table(spec: ObjectSpec, xy: Array, yaw: float) -> None:
         )
 
 
-def put(stage: Stage, spec: ObjectSpec, xy: Array, yaw: float) -> None:
-    """Builds an object standing on the table at `xy` (2,), m, turned by `yaw`, rad.
+def standing(spec: ObjectSpec, xy: Array, yaw: float) -> Pose:
+    """The pose of an object standing on the table at `xy` (2,), m, turned by `yaw`, rad."""
+    return Pose(np.array([xy[0], xy[1], spec.height / 2]), np.array([0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)]))
+
+
+def checked(spec: ObjectSpec, pose: Pose) -> Pose:
+    """`pose` with its quaternion normalised; `InvalidArgument` when it is no pose in the lab to hold an object at."""
+    for name, values, size in (("position", pose.position, 3), ("orientation", pose.orientation, 4)):
+        if values.shape != (size,) or not np.isfinite(values).all():
+            raise InvalidArgument(f"{name} of {spec.name!r} must be {size} finite numbers, got {values}", detail=name)
+    if np.abs(pose.position).max() > scene.ROOM:
+        raise InvalidArgument(
+            f"{spec.name!r} cannot be held at {_numbers(pose.position)}: the lab reaches {scene.ROOM:g} m from the"
+            " world's origin",
+            detail="position",
+        )
+    length = math.hypot(*pose.orientation)
+    if abs(length - 1.0) > _UNIT:
+        raise InvalidArgument(
+            f"orientation of {spec.name!r} must be a unit quaternion (x, y, z, w), got one of length {length:.9g}",
+            detail="orientation",
+        )
+    return Pose(pose.position, pose.orientation / length)
+
+
+def put(stage: Stage, spec: ObjectSpec, pose: Pose, *, fixed: bool = False) -> None:
+    """Builds an object at `pose`, in place of one of the same name; nothing moves it when it is `fixed`.
 
     Raises:
-        InvalidArgument: another object or the robot is there; the stage is as it was.
+        InvalidArgument: another object, the robot, the table or the floor is there; the stage is as it was.
     """
-    body = stage.add(spec)
-    orientation = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-    position = (float(xy[0]), float(xy[1]), spec.height / 2)
-    pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=stage.client)
-    others = {**stage.objects, "robot": stage.robot}
+    body = objects.build(stage.client, spec, fixed=fixed)
+    pybullet.resetBasePositionAndOrientation(
+        body, pose.position.tolist(), pose.orientation.tolist(), physicsClientId=stage.client
+    )
+    others = [(name, other) for name, other in stage.objects.items() if name != spec.name]
+    others += [("the robot", stage.robot), ("the table", stage.table), ("the floor", stage.floor)]
     taken = [
-        name
-        for name, other in others.items()
-        if other != body and pybullet.getClosestPoints(body, other, 0.0, physicsClientId=stage.client)
+        name for name, other in others if pybullet.getClosestPoints(body, other, -_TOUCH, physicsClientId=stage.client)
     ]
     if taken:
-        stage.remove(spec.name)
+        pybullet.removeBody(body, physicsClientId=stage.client)
         raise InvalidArgument(
-            f"{spec.name!r} cannot stand at ({xy[0]:.3f}, {xy[1]:.3f}): {', '.join(taken)} is there", detail="position"
+            f"{spec.name!r} cannot be at {_numbers(pose.position)}: {', '.join(taken)} is there", detail="position"
         )
+    if spec.name in stage.objects:
+        stage.remove(spec.name)
+    stage.objects[spec.name] = body
+
+
+def _numbers(position: Array) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in position)})"

@@ -32,8 +32,11 @@ WORKSPACE_SIZE = 0.30
 TABLE_X = (0.15, 1.10)
 TABLE_Y = (-0.65, 0.65)
 """The table top, at z = 0, in m."""
+ROOM = 4.0
+"""The lab reaches so far from the world's origin along x, y and z, in m (downwards to the floor)."""
 
 _TABLE_THICKNESS = 0.03
+_FLOOR_THICKNESS = 0.1
 _TABLE_COLOR = (0.80, 0.79, 0.76)
 _LEG_COLOR = (0.35, 0.35, 0.36)
 _FLOOR_COLOR = (0.30, 0.31, 0.33)
@@ -77,6 +80,7 @@ class Stage:
     client: int
     robot: int
     table: int
+    floor: int
     objects: dict[str, int] = field(default_factory=dict)
 
     def add(self, spec: ObjectSpec) -> int:
@@ -111,8 +115,9 @@ class Stage:
 def build(client: int, specs: Iterable[ObjectSpec] = ()) -> Stage:
     """Puts table, floor, robot and objects into the empty PyBullet client `client` (the arm at zero)."""
     pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
-    _furniture(client)
-    stage = Stage(client, robot=_robot(client), table=_table(client))
+    floor = _floor(client)
+    _legs(client)
+    stage = Stage(client, robot=_robot(client), table=_table(client), floor=floor)
     for spec in specs:
         stage.add(spec)
     return stage
@@ -163,9 +168,13 @@ def _table(client: int) -> int:
     return body
 
 
-def _furniture(client: int) -> None:
-    """The floor and the table's legs."""
-    _box(client, np.array([8.0, 8.0, 0.1]), np.array([0.0, 0.0, puma.FLOOR - 0.05]), _FLOOR_COLOR, solid=True)
+def _floor(client: int) -> int:
+    size = np.array([2 * ROOM, 2 * ROOM, _FLOOR_THICKNESS])
+    return _box(client, size, np.array([0.0, 0.0, puma.FLOOR - _FLOOR_THICKNESS / 2]), _FLOOR_COLOR, solid=True)
+
+
+def _legs(client: int) -> None:
+    """The table's legs."""
     height = -_TABLE_THICKNESS - puma.FLOOR
     for x in TABLE_X:
         for y in TABLE_Y:

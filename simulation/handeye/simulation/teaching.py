@@ -28,14 +28,14 @@ from handeye.simulation.teacher import Teacher, looks_per_demonstration
 def teach(
     *, demonstrations: int, seed: int, task: str, object_name: str, state_dir: Path | None, watch_parent: bool
 ) -> None:
-    """Shows `demonstrations` sequences of `task` to a running stack (see `_joined`) and trains it.
+    """Shows `demonstrations` sequences of `task` to a running stack (see `joined`) and trains it.
 
     Ends early, with the arm braked, by `Cancelled`: on TERM, on Ctrl-C, and with `watch_parent` when stdin ends.
     """
     spec = _catalogued(object_name)
     with ExitStack() as opened:
         stop = opened.enter_context(until_stopped(watch_parent))
-        robot, lab, client = opened.enter_context(_joined(state_dir))
+        robot, lab, client = opened.enter_context(joined(state_dir))
         bar = opened.enter_context(progress(Console(stderr=True)))
         teacher = Teacher(robot, lab, client, spec, task, lambda _share: check(stop))
         teacher.register_object(seed)
@@ -54,7 +54,7 @@ def teach(
 def place(*, object_name: str, at: tuple[float, float], seed: int, state_dir: Path | None) -> None:
     """Sets the laboratory up for the next run: arm parked and free to move, the object alone at `at`, (x, y) in m."""
     spec = _catalogued(object_name)
-    with _joined(state_dir) as (robot, lab, _client):
+    with joined(state_dir) as (robot, lab, _client):
         lab.reset(seed)
         lab.place(spec, at, yaw=0.0)
         if robot.state().stopped:
@@ -68,7 +68,7 @@ def _catalogued(object_name: str) -> ObjectSpec:
 
 
 @contextmanager
-def _joined(state_dir: Path | None) -> Iterator[tuple[RemoteRobot, LabClient, Client]]:
+def joined(state_dir: Path | None) -> Iterator[tuple[RemoteRobot, LabClient, Client]]:
     """The robot, the laboratory and the coordinator of the stack of `state_dir`.
 
     Without one, the settings in the environment say where they are if HANDEYE_LAB_BUS_ENDPOINT is among them, else the

@@ -35,6 +35,11 @@ def cylinder(radius: float, length: float) -> str:
     return f'<geometry><cylinder radius="{radius:.12g}" length="{length:.12g}"/></geometry>'
 
 
+def sphere(radius: float) -> str:
+    """A sphere, centred; m."""
+    return f'<geometry><sphere radius="{radius:.12g}"/></geometry>'
+
+
 def mesh(path: Path) -> str:
     """The mesh in an OBJ file."""
     return f'<geometry><mesh filename="{path}"/></geometry>'

@@ -5,10 +5,31 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from handeye.cli.up import Clock
+
+
+class Collected(StrEnum):
+    """What can be collected for."""
+
+    CSS = "CSS"
+    SCS = "SCS"
+    AJS = "AJS"
+    CAS = "CAS"
+    IJS = "IJS"
+
+
+class What(StrEnum):
+    """What can be evaluated."""
+
+    CSS = "css"
+    SCS = "scs"
+    REACH = "reach"
 
 
 def register(app: typer.Typer) -> None:
@@ -54,6 +75,42 @@ def register(app: typer.Typer) -> None:
             from handeye.simulation.teaching import place as run
 
         run(object_name=object_name, at=at, seed=seed, state_dir=state_dir)
+
+    @app.command("collect")
+    def collect(
+        modules: Annotated[list[Collected], typer.Argument(metavar="MODULE...", help="CAS needs CSS and SCS before.")],
+        seed: Annotated[int, typer.Option(min=0, help="Seed of places and motions.")] = 1,
+        state_dir: Annotated[Path | None, typer.Option(help="State directory of the `handeye up`.")] = None,
+    ) -> None:
+        """Have a running `handeye up` collect samples by itself; what takes a person is done by the simulated one."""
+        from handeye.cli.supervisor import signals_unwind
+
+        with silence():
+            from handeye.simulation.collecting import MODULES, collect_in
+        with signals_unwind():
+            collect_in(state_dir, [name for name in MODULES if name in modules], seed)
+
+    @app.command("evaluate")
+    def evaluate(
+        what: Annotated[What, typer.Argument(help="Which figures.")],
+        seed: Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")] = 1,
+        trials: Annotated[int, typer.Option(min=1, help="Random trials.")] = 100,
+        clock: Annotated[Clock, typer.Option(help="How world time passes.")] = Clock.LOCKSTEP,
+        report: Annotated[Path, typer.Option(help="Where the page and the numbers go.")] = Path("report"),
+    ) -> None:
+        """Measure the hand-eye system in a lab of its own, and print the figures beside targets and thesis."""
+        from handeye.cli.supervisor import signals_unwind
+
+        with silence():
+            from handeye.simulation.evaluation import EVALUATIONS, site
+        from rich.console import Console
+
+        console = Console(stderr=True)
+        with signals_unwind():
+            outcome = site.run(EVALUATIONS[what.value], seed, trials, clock, console)
+        outcome.write(report)
+        Console().print(outcome.table())
+        console.print(f"report: {report / f'{what.value}.html'}, {what.value}.json  ({outcome.seconds:.0f} s)")
 
     @app.command("demo")
     def demo(

@@ -22,6 +22,7 @@ from handeye.simulation.grasping import PARK
 from handeye.simulation.history import History, Row
 from handeye.simulation.motion import JointMotion
 from handeye.simulation.objects import ObjectSpec
+from handeye.simulation.pose import Pose
 from handeye.simulation.profile import Profile
 from handeye.simulation.scene import ARM_JOINTS, FINGER_1, FINGER_2, STEP, WorldState
 from handeye.simulation.stillness import Stillness
@@ -35,7 +36,7 @@ _PLACEMENT_STEPS = 48
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What stands in the world; `version` changes with every reset, placement and removal."""
+    """What stands in the world; `version` changes with every reset and every object placed, held or removed."""
 
     version: int
     objects: tuple[ObjectSpec, ...]
@@ -261,20 +262,36 @@ class World:
 
         Raises:
             Busy: during a motion, or while the robot lets time pass.
-            InvalidArgument: place or yaw is not finite, or the place is off the table or taken.
+            InvalidArgument: place or yaw is not finite, or the place is off the table or taken. The world is as it was.
         """
         with self.lock:
             self._require_open()
             self._require_idle()
             position = np.array(xy, dtype=np.float64)
             placement.require_on_table(spec, position, yaw)
-            if spec.name in self._specs:
-                self.remove(spec.name)
-            placement.put(self._stage, spec, position, yaw)
-            self._specs[spec.name] = spec
-            self._changed()
+            self._put(spec, placement.standing(spec, position, yaw))
             for _ in range(_PLACEMENT_STEPS):
                 self.step()
+            return self.scene()
+
+    def hold(self, spec: ObjectSpec, pose: Pose) -> Scene:
+        """Holds an object in the air, as on a stand or a thread: it collides, but nothing moves it. Takes no time.
+
+        An object of the same name is replaced, also one that stands on the table. `remove` and `reset` take it away.
+
+        Args:
+            spec: what to hold.
+            pose: where its body frame is; a quaternion whose length is 1 to 1e-6 is normalised.
+
+        Raises:
+            Busy: during a motion, or while the robot lets time pass.
+            InvalidArgument: the pose is not finite, out of the lab or no rotation; or another object, the robot, the
+                table or the floor is there. The world is as it was.
+        """
+        with self.lock:
+            self._require_open()
+            self._require_idle()
+            self._put(spec, placement.checked(spec, pose), fixed=True)
             return self.scene()
 
     def remove(self, name: str) -> Scene:
@@ -290,6 +307,12 @@ class World:
             return self.scene()
 
     # Inside
+
+    def _put(self, spec: ObjectSpec, pose: Pose, *, fixed: bool = False) -> None:
+        placement.put(self._stage, spec, pose, fixed=fixed)
+        self._specs.pop(spec.name, None)  # what replaces another counts as put last
+        self._specs[spec.name] = spec
+        self._changed()
 
     def _build(self, seed: int) -> None:
         client = self._client

@@ -6,6 +6,7 @@ import httpx2
 
 from handeye.client._async.admin import AsyncAdminCalls
 from handeye.client._async.control import AsyncControl
+from handeye.client._async.coordination import AsyncCoordinationCalls
 from handeye.client._async.modules import AsyncModuleCalls
 from handeye.client._async.robot import AsyncRobotCalls
 from handeye.client._async.teaching import AsyncTeachingCalls
@@ -17,7 +18,7 @@ _READY_POLL = 0.1
 """s between two questions whether the coordinator is ready."""
 
 
-class AsyncClient(AsyncModuleCalls, AsyncTeachingCalls, AsyncRobotCalls, AsyncAdminCalls):
+class AsyncClient(AsyncModuleCalls, AsyncTeachingCalls, AsyncRobotCalls, AsyncCoordinationCalls, AsyncAdminCalls):
     """A connection to a coordinator at `url` with its bearer `token`, to be used in a `with` block.
 
     Every method raises `ApiError` when the coordinator refuses and `Unreachable` when it does not answer; what is done

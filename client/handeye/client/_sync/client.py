@@ -8,6 +8,7 @@ import httpx2
 from handeye.client._retries import Deadline
 from handeye.client._sync.admin import SyncAdminCalls
 from handeye.client._sync.control import Control
+from handeye.client._sync.coordination import SyncCoordinationCalls
 from handeye.client._sync.modules import SyncModuleCalls
 from handeye.client._sync.robot import SyncRobotCalls
 from handeye.client._sync.teaching import SyncTeachingCalls
@@ -18,7 +19,7 @@ _READY_POLL = 0.1
 """s between two questions whether the coordinator is ready."""
 
 
-class Client(SyncModuleCalls, SyncTeachingCalls, SyncRobotCalls, SyncAdminCalls):
+class Client(SyncModuleCalls, SyncTeachingCalls, SyncRobotCalls, SyncCoordinationCalls, SyncAdminCalls):
     """A connection to a coordinator at `url` with its bearer `token`, to be used in a `with` block.
 
     Every method raises `ApiError` when the coordinator refuses and `Unreachable` when it does not answer; what is done

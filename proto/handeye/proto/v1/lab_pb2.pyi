@@ -64,13 +64,15 @@ class ObjectSpec(_message.Message):
     name: _builtins.str
     """Unique name in the world."""
     shape: _builtins.str
-    """Shape: "cup" (straight wall), "tumbler" (wider at the top), "mug" (with a handle), "grid" (flat target)."""
+    """Shape: "cup" (straight wall), "tumbler" (wider at the top), "mug" (with a handle), "grid" (flat target),
+    "ball".
+    """
     radius: _builtins.float
     """Outer radius at half height, in m (grid: half of its width)."""
     height: _builtins.float
-    """Height in m (grid: its thickness)."""
+    """Height in m (grid: its thickness; ball: twice its radius)."""
     wall: _builtins.float
-    """Wall thickness in m."""
+    """Wall thickness in m (grid and ball are solid: it does not count)."""
     mass: _builtins.float
     """Mass in kg."""
     @_builtins.property
@@ -108,7 +110,7 @@ class Scene(_message.Message):
     PROFILE_FIELD_NUMBER: _builtins.int
     CLOCK_FIELD_NUMBER: _builtins.int
     version: _builtins.int
-    """Changes with every reset, placement and removal."""
+    """Changes with every reset, with every object placed, held or removed."""
     seed: _builtins.int
     """Seed of the last reset; sensors in simulation draw their noise from it."""
     profile: _builtins.str
@@ -370,6 +372,36 @@ class PlaceObjectRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___PlaceObjectRequest: _TypeAlias = PlaceObjectRequest  # noqa: Y015
+
+@_typing.final
+class HoldObjectRequest(_message.Message):
+    """Asks for an object to be held in the air."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OBJECT_FIELD_NUMBER: _builtins.int
+    POSE_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def object(self) -> Global___ObjectSpec:
+        """What to hold."""
+
+    @_builtins.property
+    def pose(self) -> Global___Pose:
+        """Where its body frame is; a quaternion whose length is 1 to 1e-6 is normalised."""
+
+    def __init__(
+        self,
+        *,
+        object: Global___ObjectSpec | None = ...,
+        pose: Global___Pose | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["object", b"object", "pose", b"pose"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["object", b"object", "pose", b"pose"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___HoldObjectRequest: _TypeAlias = HoldObjectRequest  # noqa: Y015
 
 @_typing.final
 class RemoveObjectRequest(_message.Message):

@@ -24,15 +24,15 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1chandeye/proto/v1/robot.proto\x12\x10handeye.proto.v1\"\x16\n\x14\x44\x65scribeRobotRequest\"\xb7\x01\n\x10RobotDescription\x12\x13\n\x0bjoint_names\x18\x01 \x03(\t\x12\r\n\x05lower\x18\x02 \x03(\x01\x12\r\n\x05upper\x18\x03 \x03(\x01\x12\r\n\x05speed\x18\x04 \x03(\x01\x12\x14\n\x0c\x61\x63\x63\x65leration\x18\x05 \x03(\x01\x12\x0c\n\x04park\x18\x06 \x03(\x01\x12\x15\n\rgripper_range\x18\x07 \x01(\x01\x12&\n\x05\x63lock\x18\x08 \x01(\x0e\x32\x17.handeye.proto.v1.Clock\"\x11\n\x0fGetStateRequest\"\xa9\x01\n\nRobotState\x12\x12\n\nworld_time\x18\x01 \x01(\x01\x12\x0e\n\x06joints\x18\x02 \x03(\x01\x12\x12\n\nvelocities\x18\x03 \x03(\x01\x12\x17\n\x0fgripper_opening\x18\x04 \x01(\x01\x12\x0e\n\x06moving\x18\x05 \x01(\x08\x12\x0f\n\x07stopped\x18\x06 \x01(\x08\x12\x13\n\x0bstill_since\x18\x07 \x01(\x01\x12\x14\n\x0clease_holder\x18\x08 \x01(\t\"O\n\x0eMotionProgress\x12\x10\n\x08\x66raction\x18\x01 \x01(\x01\x12+\n\x05state\x18\x02 \x01(\x0b\x32\x1c.handeye.proto.v1.RobotState\"+\n\x04Pace\x12\r\n\x05speed\x18\x01 \x01(\x01\x12\x14\n\x0c\x61\x63\x63\x65leration\x18\x02 \x01(\x01\"%\n\x13\x41\x63quireLeaseRequest\x12\x0e\n\x06holder\x18\x01 \x01(\t\"J\n\x05Lease\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12\x18\n\x10heartbeat_period\x18\x02 \x01(\x01\x12\x15\n\rsilence_limit\x18\x03 \x01(\x01\"\'\n\x13ReleaseLeaseRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\"!\n\tHeartbeat\x12\x14\n\x0clease_digest\x18\x01 \x01(\t\"E\n\x0bParkRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12$\n\x04pace\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pace\"\"\n\x0eGripperRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\"[\n\x12MoveToPointRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12$\n\x04pace\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pace\x12\r\n\x05point\x18\x03 \x03(\x01\"]\n\x13MoveToJointsRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12$\n\x04pace\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pace\x12\x0e\n\x06joints\x18\x03 \x03(\x01\"\\\n\x13\x41\x64justJointsRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12$\n\x04pace\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pace\x12\r\n\x05\x64\x65lta\x18\x03 \x03(\x01\"4\n\x0e\x41\x64vanceRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12\x10\n\x08\x64uration\x18\x02 \x01(\x01\"\x1d\n\x0bStopRequest\x12\x0e\n\x06reason\x18\x01 \x01(\t\"\x0e\n\x0cResetRequest*F\n\x05\x43lock\x12\x15\n\x11\x43LOCK_UNSPECIFIED\x10\x00\x12\x12\n\x0e\x43LOCK_REALTIME\x10\x01\x12\x12\n\x0e\x43LOCK_LOCKSTEP\x10\x02\x32\x89\x08\n\x05Robot\x12V\n\x08\x44\x65scribe\x12&.handeye.proto.v1.DescribeRobotRequest\x1a\".handeye.proto.v1.RobotDescription\x12K\n\x08GetState\x12!.handeye.proto.v1.GetStateRequest\x1a\x1c.handeye.proto.v1.RobotState\x12N\n\x0c\x41\x63quireLease\x12%.handeye.proto.v1.AcquireLeaseRequest\x1a\x17.handeye.proto.v1.Lease\x12S\n\x0cReleaseLease\x12%.handeye.proto.v1.ReleaseLeaseRequest\x1a\x1c.handeye.proto.v1.RobotState\x12\x43\n\x04Park\x12\x1d.handeye.proto.v1.ParkRequest\x1a\x1c.handeye.proto.v1.RobotState\x12M\n\x0bOpenGripper\x12 .handeye.proto.v1.GripperRequest\x1a\x1c.handeye.proto.v1.RobotState\x12N\n\x0c\x43loseGripper\x12 .handeye.proto.v1.GripperRequest\x1a\x1c.handeye.proto.v1.RobotState\x12Q\n\x0bMoveToPoint\x12$.handeye.proto.v1.MoveToPointRequest\x1a\x1c.handeye.proto.v1.RobotState\x12S\n\x0cMoveToJoints\x12%.handeye.proto.v1.MoveToJointsRequest\x1a\x1c.handeye.proto.v1.RobotState\x12S\n\x0c\x41\x64justJoints\x12%.handeye.proto.v1.AdjustJointsRequest\x1a\x1c.handeye.proto.v1.RobotState\x12I\n\x07\x41\x64vance\x12 .handeye.proto.v1.AdvanceRequest\x1a\x1c.handeye.proto.v1.RobotState\x12\x43\n\x04Stop\x12\x1d.handeye.proto.v1.StopRequest\x1a\x1c.handeye.proto.v1.RobotState\x12\x45\n\x05Reset\x12\x1e.handeye.proto.v1.ResetRequest\x1a\x1c.handeye.proto.v1.RobotStateb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1chandeye/proto/v1/robot.proto\x12\x10handeye.proto.v1\"\x16\n\x14\x44\x65scribeRobotRequest\"\xb7\x01\n\x10RobotDescription\x12\x13\n\x0bjoint_names\x18\x01 \x03(\t\x12\r\n\x05lower\x18\x02 \x03(\x01\x12\r\n\x05upper\x18\x03 \x03(\x01\x12\r\n\x05speed\x18\x04 \x03(\x01\x12\x14\n\x0c\x61\x63\x63\x65leration\x18\x05 \x03(\x01\x12\x0c\n\x04park\x18\x06 \x03(\x01\x12\x15\n\rgripper_range\x18\x07 \x01(\x01\x12&\n\x05\x63lock\x18\x08 \x01(\x0e\x32\x17.handeye.proto.v1.Clock\"\x11\n\x0fGetStateRequest\"\xb8\x01\n\nRobotState\x12\x12\n\nworld_time\x18\x01 \x01(\x01\x12\x0e\n\x06joints\x18\x02 \x03(\x01\x12\x12\n\nvelocities\x18\x03 \x03(\x01\x12\r\n\x05point\x18\t \x03(\x01\x12\x17\n\x0fgripper_opening\x18\x04 \x01(\x01\x12\x0e\n\x06moving\x18\x05 \x01(\x08\x12\x0f\n\x07stopped\x18\x06 \x01(\x08\x12\x13\n\x0bstill_since\x18\x07 \x01(\x01\x12\x14\n\x0clease_holder\x18\x08 \x01(\t\"O\n\x0eMotionProgress\x12\x10\n\x08\x66raction\x18\x01 \x01(\x01\x12+\n\x05state\x18\x02 \x01(\x0b\x32\x1c.handeye.proto.v1.RobotState\"+\n\x04Pace\x12\r\n\x05speed\x18\x01 \x01(\x01\x12\x14\n\x0c\x61\x63\x63\x65leration\x18\x02 \x01(\x01\"%\n\x13\x41\x63quireLeaseRequest\x12\x0e\n\x06holder\x18\x01 \x01(\t\"J\n\x05Lease\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12\x18\n\x10heartbeat_period\x18\x02 \x01(\x01\x12\x15\n\rsilence_limit\x18\x03 \x01(\x01\"\'\n\x13ReleaseLeaseRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\"!\n\tHeartbeat\x12\x14\n\x0clease_digest\x18\x01 \x01(\t\"E\n\x0bParkRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12$\n\x04pace\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pace\"\"\n\x0eGripperRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\"[\n\x12MoveToPointRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12$\n\x04pace\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pace\x12\r\n\x05point\x18\x03 \x03(\x01\"]\n\x13MoveToJointsRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12$\n\x04pace\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pace\x12\x0e\n\x06joints\x18\x03 \x03(\x01\"\\\n\x13\x41\x64justJointsRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12$\n\x04pace\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pace\x12\r\n\x05\x64\x65lta\x18\x03 \x03(\x01\"4\n\x0e\x41\x64vanceRequest\x12\x10\n\x08lease_id\x18\x01 \x01(\t\x12\x10\n\x08\x64uration\x18\x02 \x01(\x01\"\x1d\n\x0bStopRequest\x12\x0e\n\x06reason\x18\x01 \x01(\t\"\x0e\n\x0cResetRequest*F\n\x05\x43lock\x12\x15\n\x11\x43LOCK_UNSPECIFIED\x10\x00\x12\x12\n\x0e\x43LOCK_REALTIME\x10\x01\x12\x12\n\x0e\x43LOCK_LOCKSTEP\x10\x02\x32\x89\x08\n\x05Robot\x12V\n\x08\x44\x65scribe\x12&.handeye.proto.v1.DescribeRobotRequest\x1a\".handeye.proto.v1.RobotDescription\x12K\n\x08GetState\x12!.handeye.proto.v1.GetStateRequest\x1a\x1c.handeye.proto.v1.RobotState\x12N\n\x0c\x41\x63quireLease\x12%.handeye.proto.v1.AcquireLeaseRequest\x1a\x17.handeye.proto.v1.Lease\x12S\n\x0cReleaseLease\x12%.handeye.proto.v1.ReleaseLeaseRequest\x1a\x1c.handeye.proto.v1.RobotState\x12\x43\n\x04Park\x12\x1d.handeye.proto.v1.ParkRequest\x1a\x1c.handeye.proto.v1.RobotState\x12M\n\x0bOpenGripper\x12 .handeye.proto.v1.GripperRequest\x1a\x1c.handeye.proto.v1.RobotState\x12N\n\x0c\x43loseGripper\x12 .handeye.proto.v1.GripperRequest\x1a\x1c.handeye.proto.v1.RobotState\x12Q\n\x0bMoveToPoint\x12$.handeye.proto.v1.MoveToPointRequest\x1a\x1c.handeye.proto.v1.RobotState\x12S\n\x0cMoveToJoints\x12%.handeye.proto.v1.MoveToJointsRequest\x1a\x1c.handeye.proto.v1.RobotState\x12S\n\x0c\x41\x64justJoints\x12%.handeye.proto.v1.AdjustJointsRequest\x1a\x1c.handeye.proto.v1.RobotState\x12I\n\x07\x41\x64vance\x12 .handeye.proto.v1.AdvanceRequest\x1a\x1c.handeye.proto.v1.RobotState\x12\x43\n\x04Stop\x12\x1d.handeye.proto.v1.StopRequest\x1a\x1c.handeye.proto.v1.RobotState\x12\x45\n\x05Reset\x12\x1e.handeye.proto.v1.ResetRequest\x1a\x1c.handeye.proto.v1.RobotStateb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'handeye.proto.v1.robot_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_CLOCK']._serialized_start=1258
-  _globals['_CLOCK']._serialized_end=1328
+  _globals['_CLOCK']._serialized_start=1273
+  _globals['_CLOCK']._serialized_end=1343
   _globals['_DESCRIBEROBOTREQUEST']._serialized_start=50
   _globals['_DESCRIBEROBOTREQUEST']._serialized_end=72
   _globals['_ROBOTDESCRIPTION']._serialized_start=75
@@ -40,35 +40,35 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_GETSTATEREQUEST']._serialized_start=260
   _globals['_GETSTATEREQUEST']._serialized_end=277
   _globals['_ROBOTSTATE']._serialized_start=280
-  _globals['_ROBOTSTATE']._serialized_end=449
-  _globals['_MOTIONPROGRESS']._serialized_start=451
-  _globals['_MOTIONPROGRESS']._serialized_end=530
-  _globals['_PACE']._serialized_start=532
-  _globals['_PACE']._serialized_end=575
-  _globals['_ACQUIRELEASEREQUEST']._serialized_start=577
-  _globals['_ACQUIRELEASEREQUEST']._serialized_end=614
-  _globals['_LEASE']._serialized_start=616
-  _globals['_LEASE']._serialized_end=690
-  _globals['_RELEASELEASEREQUEST']._serialized_start=692
-  _globals['_RELEASELEASEREQUEST']._serialized_end=731
-  _globals['_HEARTBEAT']._serialized_start=733
-  _globals['_HEARTBEAT']._serialized_end=766
-  _globals['_PARKREQUEST']._serialized_start=768
-  _globals['_PARKREQUEST']._serialized_end=837
-  _globals['_GRIPPERREQUEST']._serialized_start=839
-  _globals['_GRIPPERREQUEST']._serialized_end=873
-  _globals['_MOVETOPOINTREQUEST']._serialized_start=875
-  _globals['_MOVETOPOINTREQUEST']._serialized_end=966
-  _globals['_MOVETOJOINTSREQUEST']._serialized_start=968
-  _globals['_MOVETOJOINTSREQUEST']._serialized_end=1061
-  _globals['_ADJUSTJOINTSREQUEST']._serialized_start=1063
-  _globals['_ADJUSTJOINTSREQUEST']._serialized_end=1155
-  _globals['_ADVANCEREQUEST']._serialized_start=1157
-  _globals['_ADVANCEREQUEST']._serialized_end=1209
-  _globals['_STOPREQUEST']._serialized_start=1211
-  _globals['_STOPREQUEST']._serialized_end=1240
-  _globals['_RESETREQUEST']._serialized_start=1242
-  _globals['_RESETREQUEST']._serialized_end=1256
-  _globals['_ROBOT']._serialized_start=1331
-  _globals['_ROBOT']._serialized_end=2364
+  _globals['_ROBOTSTATE']._serialized_end=464
+  _globals['_MOTIONPROGRESS']._serialized_start=466
+  _globals['_MOTIONPROGRESS']._serialized_end=545
+  _globals['_PACE']._serialized_start=547
+  _globals['_PACE']._serialized_end=590
+  _globals['_ACQUIRELEASEREQUEST']._serialized_start=592
+  _globals['_ACQUIRELEASEREQUEST']._serialized_end=629
+  _globals['_LEASE']._serialized_start=631
+  _globals['_LEASE']._serialized_end=705
+  _globals['_RELEASELEASEREQUEST']._serialized_start=707
+  _globals['_RELEASELEASEREQUEST']._serialized_end=746
+  _globals['_HEARTBEAT']._serialized_start=748
+  _globals['_HEARTBEAT']._serialized_end=781
+  _globals['_PARKREQUEST']._serialized_start=783
+  _globals['_PARKREQUEST']._serialized_end=852
+  _globals['_GRIPPERREQUEST']._serialized_start=854
+  _globals['_GRIPPERREQUEST']._serialized_end=888
+  _globals['_MOVETOPOINTREQUEST']._serialized_start=890
+  _globals['_MOVETOPOINTREQUEST']._serialized_end=981
+  _globals['_MOVETOJOINTSREQUEST']._serialized_start=983
+  _globals['_MOVETOJOINTSREQUEST']._serialized_end=1076
+  _globals['_ADJUSTJOINTSREQUEST']._serialized_start=1078
+  _globals['_ADJUSTJOINTSREQUEST']._serialized_end=1170
+  _globals['_ADVANCEREQUEST']._serialized_start=1172
+  _globals['_ADVANCEREQUEST']._serialized_end=1224
+  _globals['_STOPREQUEST']._serialized_start=1226
+  _globals['_STOPREQUEST']._serialized_end=1255
+  _globals['_RESETREQUEST']._serialized_start=1257
+  _globals['_RESETREQUEST']._serialized_end=1271
+  _globals['_ROBOT']._serialized_start=1346
+  _globals['_ROBOT']._serialized_end=2379
 # @@protoc_insertion_point(module_scope)

@@ -148,6 +148,7 @@ class RobotState(_message.Message):
     WORLD_TIME_FIELD_NUMBER: _builtins.int
     JOINTS_FIELD_NUMBER: _builtins.int
     VELOCITIES_FIELD_NUMBER: _builtins.int
+    POINT_FIELD_NUMBER: _builtins.int
     GRIPPER_OPENING_FIELD_NUMBER: _builtins.int
     MOVING_FIELD_NUMBER: _builtins.int
     STOPPED_FIELD_NUMBER: _builtins.int
@@ -173,12 +174,17 @@ class RobotState(_message.Message):
     def velocities(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """Joint speeds in rad/s."""
 
+    @_builtins.property
+    def point(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """The tool centre point that the robot's own kinematics make of the encoder readings: (x, y, z) in m, world frame."""
+
     def __init__(
         self,
         *,
         world_time: _builtins.float = ...,
         joints: _abc.Iterable[_builtins.float] | None = ...,
         velocities: _abc.Iterable[_builtins.float] | None = ...,
+        point: _abc.Iterable[_builtins.float] | None = ...,
         gripper_opening: _builtins.float = ...,
         moving: _builtins.bool = ...,
         stopped: _builtins.bool = ...,
@@ -187,7 +193,7 @@ class RobotState(_message.Message):
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["gripper_opening", b"gripper_opening", "joints", b"joints", "lease_holder", b"lease_holder", "moving", b"moving", "still_since", b"still_since", "stopped", b"stopped", "velocities", b"velocities", "world_time", b"world_time"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["gripper_opening", b"gripper_opening", "joints", b"joints", "lease_holder", b"lease_holder", "moving", b"moving", "point", b"point", "still_since", b"still_since", "stopped", b"stopped", "velocities", b"velocities", "world_time", b"world_time"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -71,10 +71,12 @@ class SimulatedRobot:
         """The newest state."""
         world = self._world
         with world.lock:
+            joints = world.encoders()
             return RobotState(
                 world_time=world.time,
-                joints=world.encoders(),
+                joints=joints,
                 velocities=world.velocities(),
+                point=kinematics.forward(joints)[:3, 3],
                 gripper_opening=world.gripper_opening(),
                 moving=world.busy or math.isinf(world.still_since),
                 stopped=self._stop_reason is not None,

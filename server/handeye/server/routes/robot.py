@@ -42,6 +42,7 @@ def robot_info(state: RobotState) -> RobotInfo:
         world_time=state.world_time,
         joints=tuple(state.joints.tolist()),
         velocities=tuple(state.velocities.tolist()),
+        point=tuple(state.point.tolist()),
         gripper_opening=state.gripper_opening,
         moving=state.moving,
         stopped=state.stopped,

@@ -1,0 +1,28 @@
+"""Samples for CSS from a grid target: its intersections in both pictures, and where they are in the camera's frame.
+
+Who holds the grid knows where it is: the thesis's stood on a rail, at measured depths (4.2.3). Only training uses it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye.modules import css
+from handeye.server.collecting.gathering import Gathering
+from handeye.server.livemodules import LiveModules
+from handeye.server.results import CollectResult
+
+
+def learn_view(modules: LiveModules, seen: NDArray[np.float64], points: NDArray[np.float64]) -> CollectResult:
+    """Teaches CSS one view of a grid.
+
+    Args:
+        modules: CSS is made when it is not there; `Conflict` when it has other inputs or outputs.
+        seen: (rows, columns, 3) its intersections as (row, column, disparity) in px.
+        points: (rows, columns, 3) the same in m in the left camera's frame.
+    """
+    gathering = Gathering(modules, (css.DECLARATION,))
+    name = f"view-{gathering.origins('CSS', 'view') + 1}"
+    gathering.add("CSS", seen.reshape(-1, 3), points.reshape(-1, 3), [name] * (seen.size // 3))
+    return gathering.result

@@ -1,0 +1,208 @@
+"""Reaching in a closed loop by the five-module chain: look, think, move a part of the way, look again.
+
+The thesis proposed it (Figs 1.5 and 3.1) and never put it together. Where the hand is to be and where it is go the same
+way, from the pictures into the arm's frame: what that way gets wrong there is wrong for both, and goes as they meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from handeye.camera_bridge.driver import StereoPair
+from handeye.modules.recognition import NotSeen
+from handeye.modules.spaces import ArmPoint, Floats, HeadAngles, ImagePair, ImagePoint, JointAngles, JointDifference
+from handeye.robot_bridge.driver import RobotState
+from handeye.rpc.errors import OutOfLimits
+from handeye.server.acting import ActingRobot, OutsideTaughtRegion
+from handeye.server.chain import Chain, Said
+from handeye.server.eyes import Eyes
+from handeye.server.jobs import Job
+from handeye.server.looking import Looker
+from handeye.server.pictures import side_by_side
+from handeye.server.problem import Conflict
+from handeye.server.results import AnswerRecord, NeighbourRecord, ReachLook, ReachResult
+
+_NEIGHBOURS_RECORDED = 5  # of each module's answer
+
+
+class NotReached(Conflict):
+    """The looks have run out and the hand is not where it should be."""
+
+    code = "not_reached"
+
+
+class ReachSettings(BaseModel):
+    """How the hand is brought to a point."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    max_looks: int = Field(default=6, ge=2)
+    """Looks before it gives up, or is content with what is acceptable."""
+    tolerance: float = Field(default=0.0006, gt=0.0)
+    """The hand is there when it is seen to be no further away, in m."""
+    acceptable: float = Field(default=0.002, gt=0.0)
+    """When the looks have run out this is near enough, in m: it is noise that keeps it from coming closer."""
+    far: float = Field(default=0.06, gt=0.0)
+    """From further away, in m, it goes only a part of the way before it looks again: errors grow with the way."""
+    part: float = Field(default=0.8, gt=0.0, le=1.0)
+    """Which part."""
+    largest_correction: float = Field(default=0.06, ge=0.0)
+    """An arm that does not come where it was sent is sent so far beyond at most, in m."""
+    least_support: float = Field(default=0.2, ge=0.0, le=1.0)
+    """An answer with less support lies outside the taught region: the arm holds."""
+    largest_move: float = Field(default=2.0, gt=0.0)
+    """No joint is turned further by one answer, in rad; an answer that asks for more is wrong."""
+
+
+class Reach:
+    """One reach of the hand to a point of the stereo image. `execute` may be called once.
+
+    The point is meant for the head as it stands at the first look; the head must not turn meanwhile.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        robot: ActingRobot,
+        looker: Looker,
+        eyes: Eyes,
+        settings: ReachSettings,
+        thinking: float,
+        job: Job,
+        keep_picture: Callable[[bytes], int],
+    ) -> None:
+        """`thinking`: world time that each look is charged in lockstep, in s."""
+        self._chain = chain
+        self._robot = robot
+        self._looker = looker
+        self._eyes = eyes
+        self._settings = settings
+        self._thinking = thinking
+        self._job = job
+        self._keep_picture = keep_picture
+        self._looks: list[ReachLook] = []
+
+    def execute(self, target: ImagePoint | str, *, one_look: bool) -> None:
+        """Brings the hand to `target`, a point or an object's name.
+
+        `NotSeen` when object or hand is not found, `OutsideTaughtRegion` when support is low, `NotReached` when it does
+        not converge. With one look only it goes the whole way at once and does not check.
+        """
+        state, pair = self._looker.look()
+        point = self._eyes.find(pair, target) if isinstance(target, str) else target
+        head = HeadAngles(pair.head.pan, pair.head.tilt)
+        goal, towards = self._chain.to_arm(point, head)
+        aim: ArmPoint | None = None
+        looks = 1 if one_look else self._settings.max_looks
+        for number in range(looks):
+            self._job.check()
+            if number:
+                state, pair = self._looker.look()
+            hand = self._hand(pair, point)
+            here, seen = self._chain.to_arm(hand, head)
+            away = goal.array() - here.array()
+            distance = float(np.linalg.norm(away))
+            last = number == looks - 1 and not one_look
+            enough = self._settings.acceptable if last else self._settings.tolerance
+            if last or (distance <= enough and not one_look):
+                self._record(pair, point, hand, distance, None, (*towards, *seen), ())
+                if distance <= enough:
+                    return
+                break
+            share = 1.0 if one_look or distance <= self._settings.far else self._settings.part
+            missed = np.zeros(3) if aim is None else self._bounded(aim.array() - here.array())
+            aim = ArmPoint(here.array() + missed + share * away)
+            turn, said = self._chain.to_joints(aim, JointAngles(state.joints))
+            answers = (*towards, *seen, said)
+            if refusal := self._refusal(turn, answers):
+                self._record(pair, point, hand, distance, turn, answers, ())
+                raise refusal
+            moved = self._move(state, turn)
+            self._record(pair, point, hand, distance, turn, answers, moved)
+        if not one_look:
+            raise NotReached(
+                f"The hand is seen {1e3 * self._looks[-1].away:.1f} mm from where it should be after {looks} looks; "
+                f"{1e3 * self._settings.acceptable:.1f} mm are acceptable. Collect more samples near this place."
+            )
+
+    def _bounded(self, missed: Floats) -> Floats:
+        """What the arm did not do of what it was sent to do, (3,) in m, to be made up for; not without end."""
+        length = float(np.linalg.norm(missed))
+        return missed * min(1.0, self._settings.largest_correction / length) if length else missed
+
+    def _hand(self, pair: StereoPair, target: ImagePoint) -> ImagePoint:
+        try:
+            return self._eyes.find(pair, None)
+        except NotSeen as missing:
+            number = self._keep_picture(side_by_side(pair.left.image, pair.right.image, missing))
+            data = {"message": str(missing), "picture": self._path(number)}
+            self._job.publish("not_seen", data, self._result())
+            raise
+
+    def _refusal(self, turn: JointDifference, answers: tuple[Said, ...]) -> Exception | None:
+        """Why the arm must not be moved by these answers; None when it may be."""
+        least = min(answers, key=lambda said: said.answer.support)
+        if least.answer.support < self._settings.least_support:
+            return OutsideTaughtRegion(
+                f"Module '{least.module}' was not taught here (support {least.answer.support:.2f}, at least "
+                f"{self._settings.least_support:.2f} is asked for): collect samples of it in this region."
+            )
+        joint = int(np.argmax(np.abs(turn.angles)))
+        largest = float(abs(turn.angles[joint]))
+        if not largest <= self._settings.largest_move:  # also true of nan
+            return OutOfLimits(
+                f"The answer of module 'AJS' would turn joint {joint + 1} by {largest:.2f} rad; one answer may turn a "
+                f"joint by {self._settings.largest_move:.2f} rad at most."
+            )
+        return None
+
+    def _move(self, before: RobotState, turn: JointDifference) -> tuple[float, ...]:
+        if self._robot.lockstep:
+            self._robot.wait(self._thinking)
+        after = self._robot.adjust_joints(turn.angles)
+        return tuple(float(value) for value in after.joints - before.joints)
+
+    def _record(
+        self,
+        pair: StereoPair,
+        target: ImagePoint,
+        hand: ImagePoint,
+        away: float,
+        turn: JointDifference | None,
+        answers: tuple[Said, ...],
+        moved: tuple[float, ...],
+    ) -> None:
+        picture = self._keep_picture(side_by_side(pair.left.image, pair.right.image, ImagePair(target, hand)))
+        look = ReachLook(
+            number=len(self._looks),
+            world_time=pair.left.world_time,
+            target=(target.row, target.column, target.disparity),
+            hand=(hand.row, hand.column, hand.disparity),
+            away=away,
+            delta=() if turn is None else tuple(turn.angles.tolist()),
+            moved=moved,
+            answers=tuple(map(_answer_record, answers)),
+            picture=self._path(picture),
+        )
+        self._looks.append(look)
+        self._job.publish("look", look.model_dump(mode="json"), self._result())
+
+    def _path(self, number: int) -> str:
+        return f"/v1/jobs/{self._job.id}/looks/{number}.jpg"
+
+    def _result(self) -> ReachResult:
+        return ReachResult(looks=tuple(self._looks))
+
+
+def _answer_record(said: Said) -> AnswerRecord:
+    return AnswerRecord(
+        module=said.module,
+        support=said.answer.support,
+        neighbours=tuple(
+            NeighbourRecord(sample=n.sample_id, demonstration=n.demonstration, distance=n.distance, weight=n.weight)
+            for n in said.answer.neighbours[:_NEIGHBOURS_RECORDED]
+        ),
+    )

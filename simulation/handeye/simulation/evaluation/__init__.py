@@ -1,0 +1,12 @@
+"""`handeye evaluate`: the hand-eye system's figures, each measured on a lab of its own, from a seed.
+
+The acting side has images and encoders. Truth, which the referee here has, only judges.
+"""
+
+from handeye.simulation.evaluation import reaching, saccade, stereo
+from handeye.simulation.evaluation.site import Evaluate
+
+EVALUATIONS: dict[str, Evaluate] = {"css": stereo.evaluate, "scs": saccade.evaluate, "reach": reaching.evaluate}
+"""By name."""
+
+__all__ = ["EVALUATIONS"]

@@ -1,0 +1,170 @@
+"""The five-module chain in a closed loop: the hand goes to a point that was seen, from any pose of the head.
+
+A ball is hung where the hand is to be, seen once, and taken away; then the hand goes there. The referee measures how
+far the middle of the hand's marker is from where the ball's was.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye.client import ApiError
+from handeye.client.models import ReachJob
+from handeye.rpc.errors import InvalidArgument, Unreachable
+from handeye.simulation import grasping, kinematics, rig
+from handeye.simulation.collecting import collect
+from handeye.simulation.evaluation.outcome import Figure, Outcome, average, share
+from handeye.simulation.evaluation.site import Site
+from handeye.simulation.experimenter import FRESH, in_view
+from handeye.simulation.gripper import TOOL_FROM_MARKER
+from handeye.simulation.report import Picture
+
+TITLE = "Reaching by the five-module chain (CSS, CAS, AJS), closed loop, random head pose"
+
+LOWER, UPPER = np.array([0.35, -0.25, 0.05]), np.array([0.85, 0.25, 0.35])
+"""Where the tool centre point is to come, in m, world frame: 50 × 50 × 30 cm."""
+
+_NEAR = 1.05  # m from the camera
+_NEAR_MM, _FAR_MM = 2.0, 4.0
+_ASIDE = (0.15, 0.15)  # rad that the head looks beside the target at most
+_ONE_LOOK_EVERY = 3
+
+Array = NDArray[np.float64]
+
+
+def evaluate(site: Site, seed: int, trials: int) -> Outcome:
+    """Collects for all modules, then reaches for places that the hand can come to."""
+    for module in ("CSS", "SCS", "AJS", "CAS"):
+        collect(module, site.lab, site.client, seed, site.progress)
+    random = np.random.default_rng(seed + 1)
+    told: list[dict[str, Any]] = []
+    pictures: list[Picture] = []
+    with site.progress("reaching", trials) as advance:
+        while len(told) < trials:
+            trial = _trial(site, random, len(told), pictures)
+            if trial is not None:
+                told.append(trial)
+                advance()
+    return Outcome("reach", TITLE, (seed, seed + 1), _figures(told), tuple(told), _histograms(told), tuple(pictures))
+
+
+def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[Picture]) -> dict[str, Any] | None:
+    """One reach, and now and then one more by a single look; None when what was drawn cannot be tried."""
+    goal, start = _posture(random), _posture(random)
+    if goal is None or start is None:
+        return None
+    place = marker(kinematics.forward(goal))
+    pan, tilt = _towards(place, random)
+    site.lab.reset(int(random.integers(2**31)))
+    try:
+        with site.client.control("referee") as control:
+            control.move_to_joints(start)
+            head = control.turn_head(pan, tilt)
+            if not (in_view(place, head) and in_view(marker(site.lab.world().tool.matrix()), head)):
+                return None
+            site.experimenter.hang_ball(place)
+            hung = control.state().world_time
+            control.advance(FRESH)
+            seen = site.client.look("ball", hung)
+            site.experimenter.take_ball()
+    except (InvalidArgument, Unreachable, ApiError):  # the arm is there or before it, or the ball is out of the lab
+        return None
+    job = site.client.reach(seen.point)
+    told = {
+        "place": place.tolist(),
+        "pan": pan,
+        "tilt": tilt,
+        "depth": float(np.linalg.norm(place - _camera(pan, tilt))),
+        "miss_mm": _miss(site, place),
+        "looks": len(job.result.looks) if job.result is not None else 0,
+        "state": job.state,
+        "failure": "" if job.succeeded else job.failure,
+        "seen_mm": [1e3 * look.away for look in job.result.looks] if job.result is not None else [],
+    }
+    if number < 3:
+        pictures += _pictures(site, job, number)
+    if number % _ONE_LOOK_EVERY == 0 and job.succeeded:
+        with site.client.control("referee") as control:
+            control.move_to_joints(start)
+        site.client.reach(seen.point, one_look=True)
+        told["one_look_mm"] = _miss(site, place)
+    return told
+
+
+def _figures(told: list[dict[str, Any]]) -> tuple[Figure, ...]:
+    near = [each for each in told if each["depth"] < _NEAR]
+    far = [each for each in told if each["depth"] >= _NEAR]
+
+    def within(trials: list[dict[str, Any]], bound: float) -> list[bool]:
+        return [each["state"] == "succeeded" and each["miss_mm"] <= bound for each in trials]
+
+    figures = [
+        share(f"within {bound:g} mm {where} {_NEAR:g} m", within(trials, bound), 95.0, "never done")
+        for trials, bound, where in ((near, _NEAR_MM, "nearer than"), (far, _FAR_MM, "beyond"))
+        if trials
+    ]
+    done = [each["miss_mm"] for each in told if each["state"] == "succeeded"]
+    single = [each["one_look_mm"] for each in told if "one_look_mm" in each]
+    return (
+        *figures,
+        average("mean miss of the reaches that ended well", done, "mm"),
+        average("mean miss by one look", single, "mm"),
+        average("looks", [each["looks"] for each in told], "looks", 6.0),
+    )
+
+
+def _histograms(told: list[dict[str, Any]]) -> dict[str, tuple[float, ...]]:
+    return {
+        "Miss of single reaches, closed loop, in mm": tuple(each["miss_mm"] for each in told),
+        "Miss by one look, in mm": tuple(each["one_look_mm"] for each in told if "one_look_mm" in each),
+    }
+
+
+def _pictures(site: Site, job: ReachJob, number: int) -> list[Picture]:
+    looks = job.result.looks if job.result is not None else ()
+    marks = "left and right picture; red cross: where the hand is to be, green cross: where it is seen"
+    return [
+        Picture(
+            site.client.picture(look.picture),
+            f"Trial {number + 1}, look {look.number + 1}, {1e3 * look.away:.1f} mm away: {marks}.",
+        )
+        for look in dict.fromkeys((*looks[:1], *looks[-1:]))
+    ]
+
+
+def _posture(random: np.random.Generator) -> Array | None:
+    try:
+        x, y, z = random.uniform(LOWER, UPPER)
+        return grasping.solve(grasping.grasp_pose(np.array([x, y]), z))
+    except Unreachable:
+        return None
+
+
+def marker(world_from_tool: Array) -> Array:
+    """Where the middle of the hand's marker is, (3,) in m, world frame."""
+    place: Array = (world_from_tool @ TOOL_FROM_MARKER)[:3, 3]
+    return place
+
+
+def _miss(site: Site, place: Array) -> float:
+    """How far the marker is from `place`, in mm."""
+    return float(1e3 * np.linalg.norm(marker(site.lab.world().tool.matrix()) - place))
+
+
+def _camera(pan: float, tilt: float) -> Array:
+    """Where the left camera is, (3,) in m, world frame."""
+    return np.asarray(np.linalg.inv(rig.left_from_world(pan, tilt))[:3, 3], np.float64)
+
+
+def _towards(place: Array, random: np.random.Generator) -> tuple[float, float]:
+    """(pan, tilt) in rad: towards a place, and a little beside it."""
+    head = rig.rig().head
+    x, y, z = place - np.array(head.position)
+    turn = math.atan2(y, x) - head.heading
+    pan = (turn + math.pi) % (2 * math.pi) - math.pi
+    aside = random.uniform(-1.0, 1.0, 2) * _ASIDE
+    return pan + aside[0], math.atan2(z, math.hypot(x, y)) + aside[1]

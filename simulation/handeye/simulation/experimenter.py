@@ -1,0 +1,209 @@
+"""The person who helps with collecting: holds a grid or a ball where the cameras see it, and knows where that is.
+
+As the teacher it may use truth, in a process of its own. The coordinator hears of it only where the grid's
+intersections are (4.2.3); the ball it has to find by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handeye.client import Client
+from handeye.client.models import Head
+from handeye.rpc.errors import InvalidArgument
+from handeye.simulation import rig
+from handeye.simulation.lab import LabClient
+from handeye.simulation.objects import BALL, GRID, GRID_INTERSECTIONS, ObjectSpec, grid_points
+from handeye.simulation.pose import Pose
+
+Array = NDArray[np.float64]
+
+FRESH = 0.08
+"""World time in s that passes before each look, so that the cameras have a picture of what is held."""
+
+ASIDE = (math.pi / 2, 0.0)
+"""(pan, tilt) in rad: away from arm and table, where there is room to hold a grid."""
+
+_HEAD_PAN, _HEAD_TILT = (-1.0, 1.0), (-0.9, 0.25)  # rad: from where the ball is fixated
+_MARGIN = 30.0  # px between the ball and the border of both pictures
+_LEAST_HEIGHT = 0.06  # m above the table
+_EXAMPLES = ((0.55, -0.12, 0.15), (0.75, 0.10, 0.10), (0.62, 0.0, 0.28))  # m, world frame: the ball, well in view
+
+
+@dataclass(frozen=True, slots=True)
+class GridView:
+    """How a grid is held before the camera: its centre (right, down, depth) in m, its roll, pitch and yaw in rad."""
+
+    spec: ObjectSpec
+    centre: tuple[float, float, float]
+    turned: tuple[float, float, float]
+
+    def camera_from_grid(self) -> Array:
+        """(4, 4); unturned it faces the camera, its x to the right and its y up."""
+        roll, pitch, yaw = self.turned
+        pose = np.eye(4)
+        pose[:3, :3] = np.diag([1.0, -1.0, -1.0]) @ _turn(2, roll) @ _turn(0, pitch) @ _turn(1, yaw)
+        pose[:3, 3] = self.centre
+        return pose
+
+    def points(self) -> Array:
+        """(9, 9, 3) its intersections in the left camera's frame, row by row as the camera sees them."""
+        pose = self.camera_from_grid()
+        points: Array = grid_points(self.spec) @ pose[:3, :3].T + pose[:3, 3]
+        return points.reshape(GRID_INTERSECTIONS, GRID_INTERSECTIONS, 3)
+
+
+def thesis_views(random: np.random.Generator) -> list[GridView]:
+    """The thesis's nine views: the 40 × 40 cm grid at 85 to 125 cm, every 5 cm, and not quite straight."""
+    middle = rig.rig().baseline / 2
+    return [
+        GridView(GRID, (middle, 0.0, depth), tuple(random.normal(0.0, 0.06, 3).tolist()))
+        for depth in np.linspace(0.85, 1.25, 9)
+    ]
+
+
+def volume_views(random: np.random.Generator, depths: int = 11) -> list[GridView]:
+    """Views of smaller grids that fill what both cameras see between 50 cm and 1.5 m."""
+    camera, baseline = rig.rig().camera, rig.rig().baseline
+    half_width, half_height = camera.width / 2 / camera.focal_length, camera.height / 2 / camera.focal_length
+    views = []
+    for depth in np.linspace(0.5, 1.5, depths):
+        spec = replace(GRID, radius=0.08 if depth < 0.8 else 0.15)
+        room = 1.25 * spec.radius
+        left, right = baseline - half_width * depth + room, half_width * depth - room
+        below = half_height * depth - room
+        for across in np.linspace(left, right, 3):
+            for down in (-below, below):
+                turned = tuple(random.normal(0.0, 0.08, 3).tolist())
+                views.append(GridView(spec, (float(across), float(down), float(depth)), turned))
+    return views
+
+
+class Experimenter:
+    """Helps a coordinator of a running stack to collect samples."""
+
+    def __init__(self, lab: LabClient, client: Client, seed: int) -> None:
+        self._lab = lab
+        self._client = client
+        self._seed = seed
+
+    def show_grid(self, views: Sequence[GridView], on_view: Callable[[], None]) -> None:
+        """Has CSS learn from each of the views."""
+        self._lab.reset(self._seed)
+        with self._client.control("experimenter") as control:
+            head = control.turn_head(*ASIDE)
+            world_from_camera = np.linalg.inv(rig.left_from_world(head.pan, head.tilt))
+            for view in views:
+                self._lab.hold(view.spec, Pose.from_matrix(world_from_camera @ view.camera_from_grid()))
+                held = control.state().world_time
+                control.advance(FRESH)
+                self._client.collect_grid_view(view.points(), held)
+                on_view()
+        self._lab.remove(GRID.name)
+
+    def register_ball(self) -> None:
+        """Shows the coordinator what the ball looks like."""
+        self._lab.reset(self._seed)
+        with self._client.control("experimenter") as control:
+            for _ in range(2):
+                empty = control.state().world_time
+                control.advance(FRESH)
+                self._client.add_background(BALL.name, empty)
+            for place in _EXAMPLES:
+                self.hang_ball(np.array(place))
+                held = control.state().world_time
+                control.advance(FRESH)
+                self._client.add_example(BALL.name, held)
+        self.take_ball()
+
+    def show_ball(self, count: int, nearly_centred: int, on_fixation: Callable[[], None]) -> None:
+        """Has SCS learn from `count` fixations of the ball, the last `nearly_centred` of them from their ends only."""
+        self._lab.reset(self._seed)
+        done = 0
+        for pan, tilt, place in self.balls(self._seed):
+            if not self.present(pan, tilt, place):
+                continue
+            keep: Literal["first", "last"] = "first" if done < count - nearly_centred else "last"
+            if not self._client.collect_fixation(BALL.name, keep=keep).succeeded:  # the arm is before it
+                continue
+            done += 1
+            on_fixation()
+            if done == count:
+                break
+        self.take_ball()
+
+    def present(self, pan: float, tilt: float, place: Array) -> bool:
+        """Hangs the ball at a place, and turns the head to (pan, tilt) in rad; False when the arm is there."""
+        try:
+            self.hang_ball(place)
+        except InvalidArgument:
+            return False
+        with self._client.control("experimenter") as control:
+            control.turn_head(pan, tilt)
+        return True
+
+    def hang_ball(self, place: Array) -> None:
+        """Hangs the ball's middle at (3,) in m, world frame; `InvalidArgument` when something is there."""
+        self._lab.hold(BALL, Pose(place, np.array([0.0, 0.0, 0.0, 1.0])))
+
+    def take_ball(self) -> None:
+        """Takes the ball away."""
+        self._lab.remove(BALL.name)
+
+    def balls(self, seed: int) -> Iterator[tuple[float, float, Array]]:
+        """(pan, tilt) of the head, and a place of the ball in both pictures: evenly over pictures, depths and tilts."""
+        camera = rig.rig().camera
+        for row, column, near, lean, aside in evenly(5, seed):
+            pan, tilt = np.interp(aside, (0, 1), _HEAD_PAN), np.interp(lean, (0, 1), _HEAD_TILT)
+            depth = np.interp(near, (0, 1), (0.85, 1.25))
+            down = (row * camera.height - camera.principal_row) / camera.focal_length * depth
+            right = (column * camera.width - camera.principal_column) / camera.focal_length * depth
+            world_from_camera = np.linalg.inv(rig.left_from_world(pan, tilt))
+            place = world_from_camera[:3, :3] @ [right, down, depth] + world_from_camera[:3, 3]
+            if place[2] > _LEAST_HEIGHT and in_view(place, Head(pan=pan, tilt=tilt, moving=False, world_time=0.0)):
+                yield float(pan), float(tilt), place
+
+
+def evenly(dimensions: int, seed: int) -> Iterator[Array]:
+    """Points of the unit cube, spread evenly from the first on, without end.
+
+    The additive recurrence of Roberts ("The unreasonable effectiveness of quasirandom sequences", 2018).
+    """
+    ratio = 2.0
+    for _ in range(40):  # the root of x^(d + 1) = x + 1
+        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
+    step = ratio ** -np.arange(1.0, dimensions + 1.0)
+    point = np.random.default_rng(seed).random(dimensions)
+    while True:
+        yield point
+        point = (point + step) % 1.0
+
+
+def in_view(place: Array, head: Head, margin: float = _MARGIN) -> bool:
+    """Whether a point (3,), m, world frame, is in both pictures, `margin` px from their borders."""
+    camera = rig.rig().camera
+    transforms = [rig.camera_from_world(name, head.pan, head.tilt) for name in ("left", "right")]
+    for camera_from_world in transforms:
+        x, y, z = camera_from_world[:3, :3] @ place + camera_from_world[:3, 3]
+        if z <= 0.1:
+            return False
+        row = camera.principal_row + camera.focal_length * y / z
+        column = camera.principal_column + camera.focal_length * x / z
+        if not (margin < row < camera.height - margin and margin < column < camera.width - margin):
+            return False
+    return True
+
+
+def _turn(axis: int, angle: float) -> Array:
+    """Rotation (3, 3) by `angle` rad about one of the axes."""
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.eye(3)
+    others = [i for i in range(3) if i != axis]
+    turn[np.ix_(others, others)] = [[c, -s], [s, c]]
+    return turn

@@ -1,0 +1,82 @@
+"""Where the experimenter holds things: in view of both cameras, and where it says they are."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from handeye.client.models import Head
+from handeye.simulation import rig
+from handeye.simulation.evaluation.outcome import average, share
+from handeye.simulation.evaluation.saccade import after
+from handeye.simulation.experimenter import GridView, evenly, in_view, thesis_views, volume_views
+from handeye.simulation.objects import GRID
+from handeye.simulation.profile import Profile
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_grids_are_whole_in_both_pictures(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    world_from_camera = np.linalg.inv(rig.left_from_world(0.0, 0.0))
+    for view in (*thesis_views(random), *volume_views(random)):
+        points = view.points() @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
+        for camera in ("left", "right"):
+            shown = rig.project(points, camera, 0.0, 0.0, Profile.named("default"))
+            assert (shown > 5.0).all()
+            assert (shown < [474.0, 634.0]).all()
+
+
+def test_points_are_read_as_a_page_by_the_camera() -> None:
+    points = GridView(GRID, (0.1, 0.0, 1.0), (0.1, 0.0, 0.0)).points()
+    x, y, depth = np.moveaxis(points, -1, 0)
+    assert (np.diff(x, axis=1) > 0.0).all()
+    assert (np.diff(y, axis=0) > 0.0).all()
+    # Its upper face is nearer than its middle.
+    np.testing.assert_allclose(depth, 1.0 - GRID.height / 2 - 0.0005)
+    np.testing.assert_allclose(points.mean(axis=(0, 1))[:2], [0.1, 0.0], atol=1e-9)
+
+
+def test_views_fill_the_volume() -> None:
+    points = np.concatenate([view.points().reshape(-1, 3) for view in volume_views(np.random.default_rng(0))])
+    assert points[:, 2].min() < 0.52
+    assert points[:, 2].max() > 1.45
+    assert np.ptp(points[:, 0] / points[:, 2]) > 0.5
+    assert np.ptp(points[:, 1] / points[:, 2]) > 0.5
+
+
+def test_what_is_in_view_is_in_both_pictures() -> None:
+    head = Head(pan=0.0, tilt=-0.5, moving=False, world_time=0.0)
+    assert in_view(np.array([0.6, 0.0, 0.1]), head)
+    for elsewhere in ((0.6, 0.9, 0.1), (0.6, 0.0, 1.4), (3.0, 0.0, 0.1)):
+        assert not in_view(np.array(elsewhere), head)
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_points_are_spread_evenly(seed: int) -> None:
+    points = np.array(list(islice(evenly(5, seed), 64)))
+    assert ((points >= 0.0) & (points < 1.0)).all()
+    for column in points.T:
+        assert np.histogram(column, 4, (0.0, 1.0))[0].min() >= 12
+    assert not np.array_equal(points, list(islice(evenly(5, seed + 1), 64)))
+
+
+def test_figures_have_intervals() -> None:
+    # 95 of 100: Wilson's interval is 88.8 to 97.8 %.
+    figure = share("reached", [True] * 95 + [False] * 5, 95.0)
+    assert (figure.value, figure.met) == (95.0, True)
+    assert [figure.low, figure.high] == pytest.approx([88.8, 97.8], abs=0.1)
+    assert share("reached", [True] * 94 + [False] * 6, 95.0).met is False
+    values = np.random.default_rng(0).normal(3.0, 1.0, 400)
+    mean = average("error", values, "mm", 2.5)
+    assert mean.met is False
+    assert mean.low < 3.0 < mean.high
+    assert mean.high - mean.low == pytest.approx(4 * 1.0 / 20.0, rel=0.15)
+    assert average("error", values, "mm").met is None
+
+
+def test_what_was_centred_before_stays_so() -> None:
+    assert after([200.0, 4.0, 0.7], 1) == 4.0
+    assert after([200.0, 4.0, 0.7], 3) == 0.7
+    assert after([0.5], 1) == 0.5
