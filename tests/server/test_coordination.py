@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from handeye.modules import css
 from handeye.server.results import CollectResult, GazeResult, JobView, ReachResult
 from handeye.server.schemas.coordination import GridViewRequest, PosturesRequest, ReachRequest
+from tests.modules.test_grid import drawn
 from tests.server.conftest import LATENCY
 from tests.server.rest import done, ended, problem
 
@@ -287,9 +289,37 @@ class TestReaching:
         job = ended(http, http.post("/v1/reaches", json={"object": "blue cup"}))
         assert (job["kind"], job["subject"], job["state"]) == ("reach", "blue cup", "succeeded")
         assert np.abs(lab.world.hand - lab.world.cup).max() < 0.6
+        for look in job["result"]["looks"]:
+            assert http.get(look["picture"]).headers["content-type"] == "image/jpeg"
         for body in ({}, {"object": "blue cup", "point": [1.0, 2.0, 3.0]}, {"point": [1.0, 2.0]}):
             problem(http.post("/v1/reaches", json=body), 422, "invalid_argument")
         problem(http.post("/v1/reaches", json={"object": "red cup"}), 404, "not_found")
+
+
+class TestGridViews:
+    def test_css_learns_where_the_intersections_are(
+        self, http: TestClient, lab: Lab, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        random = np.random.default_rng(6)
+        for number in range(1, 4):
+            left, corners = drawn(0.1, (240.0 + 5 * number, 360.0))
+            right, _ = drawn(0.1, (240.0 + 5 * number, 300.0 - 20 * number))
+            grab = lab.cameras.grab_stereo
+            pair = grab(0.0, 1.0)
+            shown = replace(pair, left=replace(pair.left, image=left), right=replace(pair.right, image=right))
+            monkeypatch.setattr(lab.cameras, "grab_stereo", lambda *_args, shown=shown: shown)
+            points = random.normal(size=(*corners.shape[:2], 3)).tolist()
+            body = {"points": points, "every": 2}
+            key = {"Idempotency-Key": f"view-{number}"}
+            told = done(http.post("/v1/collect/grid-views", json=body, headers=key), 201)
+            assert told == {"added": {"CSS": 15}, "rejected": {}}
+            assert done(http.post("/v1/collect/grid-views", json=body, headers=key), 201) == told
+            monkeypatch.setattr(lab.cameras, "grab_stereo", grab)
+            samples = lab.coordinator.modules.samples("CSS", 15 * (number - 1) - 1, 100)[0]
+            assert samples.demonstrations == (f"view-{number}",) * 15
+            np.testing.assert_allclose(samples.inputs[:, :2], corners[::2, ::2].reshape(-1, 2), atol=0.5)
+            np.testing.assert_allclose(samples.inputs[:, 2], 60.0 + 20 * number, atol=0.5)
+            np.testing.assert_array_equal(samples.outputs, np.array(points)[::2, ::2].reshape(-1, 3))
 
 
 class TestLooking:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from handeye.camera_bridge.driver import CameraDriver, StereoPair
-from handeye.modules import scs
+from handeye.modules import css, scs
 from handeye.modules.declaration import ApproximatorSettings
 from handeye.modules.grid import see_grid
 from handeye.modules.recognition import NotSeen
@@ -23,7 +23,7 @@ from handeye.server.acting import ActingHead, ActingRobot, LeasedRobot
 from handeye.server.chain import Chain, declaration_of
 from handeye.server.collecting.babbling import Babbling, Region
 from handeye.server.collecting.fixating import Fixation, Keep
-from handeye.server.collecting.gathering import Gathering
+from handeye.server.collecting.gathering import Gathering, require
 from handeye.server.collecting.pupils import AjsPupil, CasPupil, IjsPupil, Pupil
 from handeye.server.control import Control
 from handeye.server.demonstration import Observation
@@ -278,8 +278,10 @@ class Coordinator:
     def see_grid(self, points: NDArray[np.float64], not_older_than: float) -> NDArray[np.float64]:
         """(rows, columns, 3) where a grid's intersections are seen, as many as `points` (rows, columns, 3) are.
 
+        Makes module CSS, which is to learn from it, unless it is there; `Conflict` when it has other inputs or outputs.
         `NotSeen` when it is not whole in both pictures; `Busy` while the arm moves.
         """
+        require(self.modules, css.DECLARATION)
         pair = self.grab(max(self._resting_state().still_since, not_older_than))
         return see_grid(pair.left.image, pair.right.image, *points.shape[:2])
 

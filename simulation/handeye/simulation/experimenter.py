@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -33,6 +34,7 @@ ASIDE = (math.pi / 2, 0.0)
 _HEAD_PAN, _HEAD_TILT = (-1.0, 1.0), (-0.9, 0.25)  # rad: from where the ball is fixated
 _MARGIN = 30.0  # px between the ball and the border of both pictures
 _LEAST_HEIGHT = 0.06  # m above the table
+_TURNED = np.array([0.15, 0.35, 0.35])  # rad: how far a grid is rolled, pitched and yawed at most
 _EXAMPLES = ((0.55, -0.12, 0.15), (0.75, 0.10, 0.10), (0.62, 0.0, 0.28))  # m, world frame: the ball, well in view
 
 
@@ -43,6 +45,8 @@ class GridView:
     spec: ObjectSpec
     centre: tuple[float, float, float]
     turned: tuple[float, float, float]
+    every: int = 1
+    """Only every so manyth row and column is learned."""
 
     def camera_from_grid(self) -> Array:
         """(4, 4); unturned it faces the camera, its x to the right and its y up."""
@@ -73,15 +77,16 @@ def volume_views(random: np.random.Generator, depths: int = 11) -> list[GridView
     camera, baseline = rig.rig().camera, rig.rig().baseline
     half_width, half_height = camera.width / 2 / camera.focal_length, camera.height / 2 / camera.focal_length
     views = []
-    for depth in np.linspace(0.5, 1.5, depths):
-        spec = replace(GRID, radius=0.08 if depth < 0.8 else 0.15)
-        room = 1.25 * spec.radius
-        left, right = baseline - half_width * depth + room, half_width * depth - room
-        below = half_height * depth - room
-        for across in np.linspace(left, right, 3):
-            for down in (-below, below):
-                turned = tuple(random.normal(0.0, 0.08, 3).tolist())
-                views.append(GridView(spec, (float(across), float(down), float(depth)), turned))
+    for least in np.linspace(0.5, 1.5, depths):
+        for across, down in product((0.0, 0.5, 1.0), (0.0, 1.0)):
+            # No two at one depth, and none straight: planes that lie in each other's way tell most.
+            depth = least + random.uniform(0.0, 1.0 / depths)
+            spec = replace(GRID, radius=0.08 if depth < 0.8 else 0.15)
+            room = 1.3 * spec.radius
+            left, right = baseline - half_width * depth + room, half_width * depth - room
+            below = half_height * depth - room
+            centre = (float(np.interp(across, (0, 1), (left, right))), (2 * down - 1) * below, depth)
+            views.append(GridView(spec, centre, tuple(random.uniform(-_TURNED, _TURNED).tolist()), every=2))
     return views
 
 
@@ -103,7 +108,7 @@ class Experimenter:
                 self._lab.hold(view.spec, Pose.from_matrix(world_from_camera @ view.camera_from_grid()))
                 held = control.state().world_time
                 control.advance(FRESH)
-                self._client.collect_grid_view(view.points(), held)
+                self._client.collect_grid_view(view.points(), every=view.every, not_older_than=held)
                 on_view()
         self._lab.remove(GRID.name)
 

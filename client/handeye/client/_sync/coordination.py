@@ -79,11 +79,11 @@ class SyncCoordinationCalls(SyncJobCalls):
         job = self._post_once(CollectJob, "/v1/collect/postures", body)
         return self._see_through(job, timeout, on_event)
 
-    def collect_grid_view(self, points: ArrayLike, not_older_than: float = 0.0) -> CollectResult:
+    def collect_grid_view(self, points: ArrayLike, *, every: int = 1, not_older_than: float = 0.0) -> CollectResult:
         """Has CSS learn from a grid whose intersections are at `points` (rows, columns, 3), m, left camera's frame.
 
-        Row by row as the camera sees them, the first one at the upper left. The pictures show the world at
-        `not_older_than` (world time, s) or later.
+        Row by row as the camera sees them, the first one at the upper left; only `every` so manyth row and column is
+        learned. The pictures show the world at `not_older_than` (world time, s) or later.
         """
-        body = {"points": rows_of_points(points), "not_older_than": not_older_than}
+        body = {"points": rows_of_points(points), "every": every, "not_older_than": not_older_than}
         return self._post_once(CollectResult, "/v1/collect/grid-views", body)

@@ -14,15 +14,19 @@ from handeye.server.livemodules import LiveModules
 from handeye.server.results import CollectResult
 
 
-def learn_view(modules: LiveModules, seen: NDArray[np.float64], points: NDArray[np.float64]) -> CollectResult:
+def learn_view(
+    modules: LiveModules, seen: NDArray[np.float64], points: NDArray[np.float64], every: int
+) -> CollectResult:
     """Teaches CSS one view of a grid.
 
     Args:
-        modules: CSS is made when it is not there; `Conflict` when it has other inputs or outputs.
+        modules: CSS must be among them.
         seen: (rows, columns, 3) its intersections as (row, column, disparity) in px.
         points: (rows, columns, 3) the same in m in the left camera's frame.
+        every: only every so manyth row and column is learned.
     """
     gathering = Gathering(modules, (css.DECLARATION,))
     name = f"view-{gathering.origins('CSS', 'view') + 1}"
-    gathering.add("CSS", seen.reshape(-1, 3), points.reshape(-1, 3), [name] * (seen.size // 3))
+    inputs, outputs = (grid[::every, ::every].reshape(-1, 3) for grid in (seen, points))
+    gathering.add("CSS", inputs, outputs, [name] * len(inputs))
     return gathering.result

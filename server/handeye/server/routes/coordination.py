@@ -79,7 +79,9 @@ async def collect_grid_view(
         return before
     points = np.array(request.points)
     seen = await lane.run(lambda: coordinator.see_grid(points, request.not_older_than))
-    return await to_thread.run_sync(once.reply, lambda: (learn_view(coordinator.modules, seen, points), None))
+    return await to_thread.run_sync(
+        once.reply, lambda: (learn_view(coordinator.modules, seen, points, request.every), None)
+    )
 
 
 def _accepted(job: Job) -> tuple[JobView, str]:

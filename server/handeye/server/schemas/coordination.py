@@ -73,9 +73,10 @@ class PosturesRequest(Body):
     """How many there are to be, those of earlier times included: ask again to go on where it ended."""
     looks: int = Field(default=3, ge=1, le=20, strict=True)
     """From so many poses of the head the hand is looked at in each posture, for CAS."""
-    lower: Place = (0.35, -0.25, 0.05)
-    """Corner of the region in which the arm's point is to be, (x, y, z) in m, world frame."""
-    upper: Place = (0.85, 0.25, 0.35)
+    lower: Place = (0.31, -0.29, 0.03)
+    """Corner of the region in which the arm's point is to be, (x, y, z) in m, world frame: a few centimetres more than
+    what is to be reached afterwards."""
+    upper: Place = (0.89, 0.29, 0.39)
     """The opposite corner."""
     synergies: Annotated[
         tuple[Annotated[tuple[Number, ...], Field(min_length=1, max_length=32)], ...],
@@ -106,6 +107,9 @@ class GridViewRequest(Body):
     ]
     """Row by row as the left camera sees them, the first one at the upper left: (x, y, z) in m in its frame, x to the
     right, y down, z forward."""
+    every: int = Field(default=1, ge=1, le=10, strict=True)
+    """Only every so manyth row and column is learned: neighbouring intersections say much the same, and samples that
+    crowd in one plane leave no room among the neighbours for those of others."""
     not_older_than: Number = Field(default=0.0, ge=0.0, le=LATEST)
     """World time in s that the pictures show at the earliest: the grid must be at rest then."""
 

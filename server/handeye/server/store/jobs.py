@@ -11,6 +11,7 @@ from handeye.server.store import counters
 from handeye.server.store.rows import add, change, dumps, find, now
 from handeye.server.store.tables import job_events, jobs, look_pictures
 
+_PICTURED = ("run", "reach")
 _UNFINISHED = ("queued", "running")
 
 
@@ -76,12 +77,13 @@ def prune(connection: Connection, kept: int) -> None:
 
 
 def add_picture(connection: Connection, name: str, image: bytes, runs_kept: int) -> int:
-    """Keeps a look's picture and returns its number, from 0; only the newest `runs_kept` runs keep theirs."""
+    """Keeps a look's picture and returns its number, from 0; the newest `runs_kept` jobs with looks keep theirs."""
     mine = select(func.count()).select_from(look_pictures).where(look_pictures.c.job == name)
     number = int(connection.execute(mine).scalar_one())
     add(connection, look_pictures, job=name, number=number, image=image)
     if number == 0:
-        newest = select(jobs.c.id).where(jobs.c.kind == "run").order_by(jobs.c.number.desc()).limit(runs_kept)
+        pictured = select(jobs.c.id).where(jobs.c.kind.in_(_PICTURED))
+        newest = pictured.order_by(jobs.c.number.desc()).limit(runs_kept)
         connection.execute(delete(look_pictures).where(look_pictures.c.job.not_in(newest)))
     return number
 
