@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from handeye.modules import css
+from handeye.server.gaze import GazeSettings
 from handeye.server.results import CollectResult, GazeResult, JobView, ReachResult
 from handeye.server.schemas.coordination import GridViewRequest, PosturesRequest, ReachRequest
+from handeye.server.settings import ServerSettings
 from tests.modules.test_grid import drawn
 from tests.server.conftest import LATENCY
 from tests.server.rest import done, ended, problem
@@ -50,7 +52,7 @@ def fixate(lab: Lab, count: int) -> None:
     for _ in range(count):
         lab.world.cup = np.array([*random.uniform((100.0, 200.0), (300.0, 440.0)), random.uniform(120.0, 180.0)])
         lab.world.head = (0.0, float(random.uniform(-0.15, 0.15)))
-        succeeded(lab.coordinator.collect_fixation("blue cup", "all"))
+        succeeded(lab.coordinator.coordination.collect_fixation("blue cup", "all"))
 
 
 def teach_css(lab: Lab) -> None:
@@ -65,7 +67,7 @@ def teach_css(lab: Lab) -> None:
 
 def collect(lab: Lab, *modules: str, postures: int = 60, **options: Any) -> CollectResult:
     request = {"modules": modules, "postures": postures, "synergies": SYNERGIES, **REGION, **options}
-    told = succeeded(lab.coordinator.collect_postures(PosturesRequest.model_validate(request)))
+    told = succeeded(lab.coordinator.coordination.collect_postures(PosturesRequest.model_validate(request)))
     assert isinstance(told.result, CollectResult)
     return told.result
 
@@ -81,7 +83,7 @@ def able(lab: Lab) -> None:
 
 def reach(lab: Lab, target: NDArray[np.float64], *, one_look: bool = False) -> JobView:
     point = tuple((target + lab.world.shift).tolist())
-    return view(lab.coordinator.reach(ReachRequest(point=point, one_look=one_look)))
+    return view(lab.coordinator.coordination.reach(ReachRequest(point=point, one_look=one_look)))
 
 
 def looks(job: JobView) -> ReachResult:
@@ -93,7 +95,7 @@ class TestFixating:
     def test_every_look_is_a_sample_of_the_way_to_the_middle(self, lab: Lab) -> None:
         show_cup(lab)
         lab.world.cup = np.array([200.0, 300.0, 150.0])
-        told = succeeded(lab.coordinator.collect_fixation("blue cup", "all"))
+        told = succeeded(lab.coordinator.coordination.collect_fixation("blue cup", "all"))
         assert isinstance(told.result, CollectResult)
         samples = lab.coordinator.modules.samples("SCS", -1, 100)[0]
         assert told.result.added == {"SCS": len(samples.numbers)}
@@ -110,7 +112,7 @@ class TestFixating:
     def test_one_look_is_enough_if_asked_for(self, lab: Lab, keep: Any, offset: float) -> None:
         show_cup(lab)
         lab.world.cup = np.array([200.0, 300.0, 150.0])
-        succeeded(lab.coordinator.collect_fixation("blue cup", keep))
+        succeeded(lab.coordinator.coordination.collect_fixation("blue cup", keep))
         samples = lab.coordinator.modules.samples("SCS", -1, 100)[0]
         assert len(samples.numbers) == 1
         assert np.linalg.norm(samples.inputs[0, :2] - MIDDLE) == pytest.approx(offset, abs=5.0)
@@ -118,7 +120,7 @@ class TestFixating:
     def test_what_is_not_seen_teaches_nothing(self, lab: Lab) -> None:
         show_cup(lab)
         lab.world.hidden.add("object")
-        told = view(lab.coordinator.collect_fixation("blue cup", "all"))
+        told = view(lab.coordinator.coordination.collect_fixation("blue cup", "all"))
         assert told.error is not None
         assert told.error.code == "not_seen"
         assert lab.coordinator.modules.live("SCS").samples == 0
@@ -127,7 +129,7 @@ class TestFixating:
         show_cup(lab)
         lab.cameras.gate = None
         lab.coordinator.control.head.move = lambda *_args, **_kwargs: lab.coordinator.control.head.state()  # type: ignore[method-assign]
-        told = view(lab.coordinator.collect_fixation("blue cup", "all"))
+        told = view(lab.coordinator.coordination.collect_fixation("blue cup", "all"))
         assert told.error is not None
         assert told.error.code == "not_fixated"
 
@@ -137,7 +139,7 @@ class TestGaze:
         fixate(lab, 10)
         lab.world.cup = np.array([310.0, 290.0, 140.0])
         lab.world.head = (0.05, 0.1)
-        told = succeeded(lab.coordinator.gaze("blue cup"))
+        told = succeeded(lab.coordinator.coordination.gaze("blue cup"))
         assert isinstance(told.result, GazeResult)
         assert np.linalg.norm((lab.world.cup + lab.world.shift)[:2] - MIDDLE) < 1.5
         assert told.result.middle == tuple(MIDDLE)
@@ -146,7 +148,7 @@ class TestGaze:
         assert told.result.looks[-1].turn == ()
 
     def test_needs_to_be_taught(self, lab: Lab) -> None:
-        told = view(lab.coordinator.gaze(None))
+        told = view(lab.coordinator.coordination.gaze(None))
         assert told.error is not None
         assert told.error.code == "not_taught"
         assert "handeye collect SCS" in told.error.message
@@ -155,10 +157,8 @@ class TestGaze:
         fixate(lab, 4)
         lab.world.cup = np.array([200.0, 300.0, 150.0])
         lab.world.head = (0.0, 0.49)
-        lab.coordinator.settings = lab.coordinator.settings.model_copy(
-            update={"gazing": lab.coordinator.settings.gazing.model_copy(update={"least_support": 0.9})}
-        )
-        told = view(lab.coordinator.gaze("blue cup"))
+        lab.coordinator.coordination.settings = ServerSettings(gazing=GazeSettings(least_support=0.9))
+        told = view(lab.coordinator.coordination.gaze("blue cup"))
         assert told.error is not None
         assert told.error.code == "outside_taught_region"
         assert lab.world.head == (0.0, 0.49)
@@ -190,7 +190,7 @@ class TestBabbling:
         teach_css(lab)
         lab.world.hidden.add("hand")
         request = {"modules": ("CAS",), "postures": 5, "synergies": SYNERGIES, **REGION}
-        told = view(lab.coordinator.collect_postures(PosturesRequest.model_validate(request)))
+        told = view(lab.coordinator.coordination.collect_postures(PosturesRequest.model_validate(request)))
         assert told.error is not None
         assert told.error.code == "no_postures"
         assert isinstance(told.result, CollectResult)
@@ -220,7 +220,7 @@ class TestBabbling:
         problem(http.post("/v1/collect/postures", json={"modules": ["AJS"]}), 409, "conflict")
 
     def test_can_be_cancelled(self, lab: Lab) -> None:
-        job = lab.coordinator.collect_postures(
+        job = lab.coordinator.coordination.collect_postures(
             PosturesRequest.model_validate({"modules": ("AJS",), "postures": 10_000, "synergies": SYNERGIES, **REGION})
         )
         job.events(5, 30.0)
@@ -278,7 +278,7 @@ class TestReaching:
     def test_a_hidden_hand_is_told_with_a_picture(self, lab: Lab) -> None:
         able(lab)
         lab.world.hidden.add("hand")
-        job = lab.coordinator.reach(ReachRequest(point=(240.0, 320.0, 150.0)))
+        job = lab.coordinator.coordination.reach(ReachRequest(point=(240.0, 320.0, 150.0)))
         assert view(job).state == "failed"
         assert [event.data["message"] for event in job.events(0, 1.0) if event.kind == "not_seen"]
 

@@ -11,6 +11,7 @@ import pytest
 from handeye.robot_bridge.driver import Pace, unwatched
 from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, Unavailable
 from handeye.server.acting import ActingRobot, ActingSettings
+from handeye.server.acting_jobs import ActingJobs
 from handeye.server.jobs import JobBusy, Jobs
 from handeye.server.problem import NotFound
 from handeye.server.results import JobState, JobView, RunResult
@@ -338,9 +339,12 @@ def test_in_realtime_nobody_advances_the_world(lab: Lab, monkeypatch: pytest.Mon
 
 def test_the_newest_jobs_and_pictures_are_kept(lab: Lab) -> None:
     train(lab)
-    lab.coordinator.settings = ServerSettings(pictures_kept=1)
-    jobs = Jobs(lab.coordinator.store, kept=2)
-    lab.coordinator.jobs = jobs
+    coordinator = lab.coordinator
+    jobs = Jobs(coordinator.store, kept=2)
+    settings = ServerSettings(pictures_kept=1)
+    coordinator.acting = ActingJobs(
+        coordinator.store, jobs, coordinator.robot, coordinator.control, coordinator.eyes, settings
+    )
     ids = []
     for _ in range(3):
         job = lab.coordinator.run("grasp", "blue cup", one_look=True)

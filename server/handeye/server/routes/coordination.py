@@ -28,7 +28,7 @@ router = APIRouter(prefix="/v1", tags=["coordination"])
 @router.post("/looks", responses=responses(404, 502, 504))
 async def look(request: LookRequest, coordinator: CoordinatorDep, lane: CameraLaneDep) -> LookInfo:
     """Where an object, or the hand, is seen now; 422 `not_seen` says what is missing."""
-    point, pair = await lane.run(lambda: coordinator.find(request.object, request.not_older_than))
+    point, pair = await lane.run(lambda: coordinator.coordination.find(request.object, request.not_older_than))
     return LookInfo(
         point=(point.row, point.column, point.disparity),
         pan=pair.head.pan,
@@ -40,13 +40,13 @@ async def look(request: LookRequest, coordinator: CoordinatorDep, lane: CameraLa
 @router.post("/reaches", status_code=202, response_model=JobView, responses=responses(404, 409))
 def reach(request: ReachRequest, coordinator: CoordinatorDep, once: OnceDep) -> Response:
     """Starts a job that brings the hand to an object or to a point, by CSS, CAS and AJS, looking again and again."""
-    return once.reply(lambda: _accepted(coordinator.reach(request)), 202)
+    return once.reply(lambda: _accepted(coordinator.coordination.reach(request)), 202)
 
 
 @router.post("/gazes", status_code=202, response_model=JobView, responses=responses(404, 409))
 def gaze(request: GazeRequest, coordinator: CoordinatorDep, once: OnceDep) -> Response:
     """Starts a job that turns the head, by SCS, until an object or the hand is in the middle of the left picture."""
-    return once.reply(lambda: _accepted(coordinator.gaze(request.object)), 202)
+    return once.reply(lambda: _accepted(coordinator.coordination.gaze(request.object)), 202)
 
 
 @router.post("/collect/postures", status_code=202, response_model=JobView, responses=responses(404, 409))
@@ -55,7 +55,7 @@ def collect_postures(request: PosturesRequest, coordinator: CoordinatorDep, once
 
     CAS needs CSS and SCS to be taught before.
     """
-    return once.reply(lambda: _accepted(coordinator.collect_postures(request)), 202)
+    return once.reply(lambda: _accepted(coordinator.coordination.collect_postures(request)), 202)
 
 
 @router.post("/collect/fixations", status_code=202, response_model=JobView, responses=responses(404, 409))
@@ -64,7 +64,7 @@ def collect_fixation(request: FixationRequest, coordinator: CoordinatorDep, once
 
     Turn the head before, so that the object is anywhere else in view.
     """
-    return once.reply(lambda: _accepted(coordinator.collect_fixation(request.object, request.keep)), 202)
+    return once.reply(lambda: _accepted(coordinator.coordination.collect_fixation(request.object, request.keep)), 202)
 
 
 @router.post("/collect/grid-views", status_code=201, response_model=CollectResult, responses=responses(409, 502, 504))
@@ -78,7 +78,7 @@ async def collect_grid_view(
     if (before := await to_thread.run_sync(once.known)) is not None:
         return before
     points = np.array(request.points)
-    seen = await lane.run(lambda: coordinator.see_grid(points, request.not_older_than))
+    seen = await lane.run(lambda: coordinator.coordination.see_grid(points, request.not_older_than))
     return await to_thread.run_sync(
         once.reply, lambda: (learn_view(coordinator.modules, seen, points, request.every), None)
     )
