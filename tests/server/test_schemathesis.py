@@ -47,6 +47,10 @@ NOT_SAID = {
     "vectors are as long as the module's declaration says": (["add_samples", "query_module"], ["400", "422"]),
     "numbers or a demonstration, not both": (["remove_samples"], ["422"]),
     "a file is an archive of arrays, or a store": (["import_module", "restore_backup"], ["400", "422"]),
+    "corners, synergies, targets and the rows of a grid fit each other, and a grid is in view": (
+        ["collect_postures", "reach", "collect_grid_view"],
+        ["422"],
+    ),
     "the kndb2 of a task, too, takes fewer neighbours": (["train_task"], ["422"]),
 }
 ACCEPTED = ["2xx", "3xx", "401", "403", "404", "409", "429", "5xx"]
@@ -63,7 +67,7 @@ OPERATIONS = [
     ),
     # A picture of a time that is still to come is waited for, and does not come.
     allow(
-        ["camera_frame", "add_background", "add_example", "add_observation"],
+        ["camera_frame", "add_background", "add_example", "add_observation", "look", "collect_grid_view"],
         "not_a_server_error",
         **{"expected-statuses": ["2xx", "3xx", "4xx", "504"]},
     ),

@@ -29,6 +29,7 @@ from handeye.server.routes import (
     tokens,
 )
 from handeye.server.schemas.samples import QueryRequest, SamplesRequest
+from handeye.server.shortcut import Shortcut
 
 # What is asked most stands first: routes are tried in this order.
 _PARTS = (
@@ -70,7 +71,9 @@ def routes_only() -> FastAPI:
         generate_unique_id_function=lambda route: route.name,  # generated clients name their calls by it
     )
     problem_responses.install(app)
-    app.router.routes.insert(0, samples.QUERY)
+    app.router.routes.append(samples.QUERY)
+    # Added before access, which is outermost: nothing is answered without it.
+    app.add_middleware(Shortcut, route=samples.QUERY, handlers=app.exception_handlers)
     for part in _PARTS:
         app.include_router(part.router)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's documented way to extend the schema

@@ -11,6 +11,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
+from starlette.requests import ClientDisconnect
 from starlette.types import Receive, Scope, Send
 
 from handeye.modules.answers import Floats
@@ -60,10 +61,22 @@ def _bodies(schema: type[BaseModel]) -> dict[str, object]:
     return {"requestBody": {"required": True, "content": content}}
 
 
-async def _body(request: Request, schema: type[B], arrays: frozenset[str]) -> B | Arrays:
+async def _content(request: Request) -> bytes:
+    """The whole body. Nearly all come in one piece, which `Request.body` goes a long way for."""
+    pieces = []
+    more = True
+    while more:
+        message = await request.receive()
+        if message["type"] == "http.disconnect":
+            raise ClientDisconnect
+        pieces.append(message.get("body", b""))
+        more = message.get("more_body", False)
+    return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+
+
+async def _body(request: Request, content: bytes, schema: type[B], arrays: frozenset[str]) -> B | Arrays:
     """The request's body in one of its two forms."""
     kind = media_type(request)
-    content = await request.body()
     if kind == MEDIA_TYPE:
         return await to_thread.run_sync(read_arrays, content, arrays)
     if kind not in ("application/json", ""):
@@ -91,7 +104,7 @@ async def query_module(module: ModuleName, request: Request) -> Response:
     """
     coordinator, metrics = coordinator_of(request), metrics_of(request)
     live = coordinator.modules.live(module)
-    body = await _body(request, QueryRequest, QUERIES)
+    body = await _body(request, await _content(request), QueryRequest, QUERIES)
     if isinstance(body, QueryRequest) and len(body.inputs) == 1 and answering.quick(live, 1):
         content = answering.ask_one(live, body.inputs[0], body.neighbours)
         metrics.queries.labels(module).inc()
@@ -139,7 +152,7 @@ QUERY = _AskedMost(
     },
     openapi_extra=_bodies(QueryRequest),
 )
-"""Tried before all other routes."""
+"""Answered past the framework, by `handeye.server.shortcut`."""
 
 
 @router.post(
@@ -157,7 +170,7 @@ async def add_samples(
     As JSON, or as a .npz file with the arrays `inputs` (n, N), `outputs` (n, M) and perhaps `demonstrations` (n,), ""
     for none. At most 10 000 at a time.
     """
-    body = await _body(request, SamplesRequest, SAMPLES)
+    body = await _body(request, await request.body(), SamplesRequest, SAMPLES)
 
     def work() -> Response:
         inputs, outputs, shown = _samples(body)

@@ -10,7 +10,11 @@ from handeye.server.collecting.fixating import Keep
 from handeye.server.results import THREE
 from handeye.server.schemas.base import LATEST, Body, Name, Number
 
-Place = Annotated[tuple[Number, Number, Number], THREE]
+_Metres = Annotated[Number, Field(ge=-100.0, le=100.0)]
+_Pixels = Annotated[Number, Field(ge=-100_000.0, le=100_000.0)]
+_Share = Annotated[Number, Field(ge=-1.0, le=1.0)]
+
+Place = Annotated[tuple[_Metres, _Metres, _Metres], THREE]
 
 
 class LookRequest(Body):
@@ -39,7 +43,7 @@ class ReachRequest(Body):
     """Where the hand is to go: to an object, or to a point of the stereo image that somebody marked."""
 
     object: Name | None = None
-    point: Place | None = None
+    point: Annotated[tuple[_Pixels, _Pixels, _Pixels], THREE] | None = None
     """(row, column, disparity) in pixels, for the head as it stands."""
     one_look: bool = Field(default=False, strict=True)
     """Move once, by one look, and do not check."""
@@ -79,7 +83,7 @@ class PosturesRequest(Body):
     upper: Place = (0.89, 0.29, 0.39)
     """The opposite corner."""
     synergies: Annotated[
-        tuple[Annotated[tuple[Number, ...], Field(min_length=1, max_length=32)], ...],
+        tuple[Annotated[tuple[_Share, ...], Field(min_length=1, max_length=32)], ...],
         Field(min_length=1, max_length=32),
     ] = ((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0, -1.0, 0.0), (0.0, 0.0, 1.0, 0.0, -1.0, 0.0))
     """Directions in joint space along which the arm moves. These keep a PUMA's hand at its pitch: joint 5 takes back
