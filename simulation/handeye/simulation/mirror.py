@@ -50,6 +50,7 @@ class Mirror:
         self._still = scene.build(pybullet.connect(pybullet.DIRECT))
         _keep(self._moving, robot=True)
         _keep(self._still, robot=False)
+        self._still.draw_floor_last()
         self._specs: dict[str, ObjectSpec] = {}
         self._backdrops: dict[rig.CameraName, tuple[bytes, Drawing]] = {}
         self._pictures: dict[rig.CameraName, tuple[tuple[object, ...], Image]] = {}

@@ -94,6 +94,11 @@ class Stage:
         """Takes an object out; `KeyError` when it is not there."""
         pybullet.removeBody(self.objects.pop(name), physicsClientId=self.client)
 
+    def draw_floor_last(self) -> None:
+        """Makes the floor anew: what stands before it is drawn first then, and what is hidden costs no shading."""
+        pybullet.removeBody(self.floor, physicsClientId=self.client)
+        self.floor = _floor(self.client)
+
     def set_joints(self, joints: Array, fingers: Array) -> None:
         """Poses arm and fingers at rest: joints (6,) in rad, fingers (2,) in m from the middle."""
         for index, angle in zip(ARM_JOINTS, joints, strict=True):
@@ -169,8 +174,22 @@ def _table(client: int) -> int:
 
 
 def _floor(client: int) -> int:
-    size = np.array([2 * ROOM, 2 * ROOM, _FLOOR_THICKNESS])
-    return _box(client, size, np.array([0.0, 0.0, puma.FLOOR - _FLOOR_THICKNESS / 2]), _FLOOR_COLOR, solid=True)
+    """A slab of which only the upper face shows: faces that nobody sees would be drawn too."""
+    half = [ROOM, ROOM, _FLOOR_THICKNESS / 2]
+    corners = [[-ROOM, -ROOM, half[2]], [ROOM, -ROOM, half[2]], [ROOM, ROOM, half[2]], [-ROOM, ROOM, half[2]]]
+    shown = pybullet.createVisualShape(
+        pybullet.GEOM_MESH,
+        vertices=corners,
+        indices=[0, 1, 2, 0, 2, 3],
+        normals=[[0.0, 0.0, 1.0]] * len(corners),
+        uvs=[[0.0, 0.0]] * len(corners),
+        rgbaColor=[*_FLOOR_COLOR, 1.0],
+        physicsClientId=client,
+    )
+    felt = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    centre = (0.0, 0.0, puma.FLOOR - half[2])
+    body: int = pybullet.createMultiBody(0.0, felt, shown, centre, physicsClientId=client)
+    return body
 
 
 def _legs(client: int) -> None:

@@ -93,8 +93,8 @@ def register(app: typer.Typer) -> None:
     @app.command("evaluate")
     def evaluate(
         what: Annotated[What, typer.Argument(help="Which figures.")],
-        seed: Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")] = 1,
-        trials: Annotated[int, typer.Option(min=1, help="Random trials.")] = 100,
+        seed: Annotated[list[int] | None, typer.Option(min=0, help="Of all that is drawn; several are pooled.")] = None,
+        trials: Annotated[int, typer.Option(min=1, help="Random trials for each seed.")] = 100,
         clock: Annotated[Clock, typer.Option(help="How world time passes.")] = Clock.LOCKSTEP,
         report: Annotated[Path, typer.Option(help="Where the page and the numbers go.")] = Path("report"),
     ) -> None:
@@ -107,7 +107,7 @@ def register(app: typer.Typer) -> None:
 
         console = Console(stderr=True)
         with signals_unwind():
-            outcome = site.run(EVALUATIONS[what.value], seed, trials, clock, console)
+            outcome = site.run(EVALUATIONS[what.value], seed or [1], trials, clock, console)
         outcome.write(report)
         Console().print(outcome.table())
         console.print(f"report: {report / f'{what.value}.html'}, {what.value}.json  ({outcome.seconds:.0f} s)")

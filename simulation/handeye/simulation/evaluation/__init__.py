@@ -4,9 +4,9 @@ The acting side has images and encoders. Truth, which the referee here has, only
 """
 
 from handeye.simulation.evaluation import reaching, saccade, stereo
-from handeye.simulation.evaluation.site import Evaluate
+from handeye.simulation.evaluation.site import Evaluation
 
-EVALUATIONS: dict[str, Evaluate] = {"css": stereo.evaluate, "scs": saccade.evaluate, "reach": reaching.evaluate}
+EVALUATIONS: dict[str, Evaluation] = {each.EVALUATION.name: each.EVALUATION for each in (stereo, saccade, reaching)}
 """By name."""
 
 __all__ = ["EVALUATIONS"]

@@ -41,13 +41,15 @@ class Figure:
         return f"{self.value:.3g} {self.unit} ({self.low:.3g} – {self.high:.3g})"
 
 
-def share(name: str, passed: Sequence[bool], least: float, thesis: str = "") -> Figure:
+def share(name: str, passed: Sequence[bool], least: float | None = None, thesis: str = "") -> Figure:
     """How many of the trials passed, in %, with Wilson's interval (1927); the target is `least` %."""
     n, k = len(passed), sum(passed)
     p = k / n
     middle, half = (p + _Z**2 / (2 * n)), _Z * math.sqrt(p * (1 - p) / n + _Z**2 / (4 * n**2))
     low, high = ((middle + sign * half) / (1 + _Z**2 / n) for sign in (-1, 1))
-    return Figure(name, 100 * p, 100 * low, 100 * high, "%", n, f"≥ {least:g} %", 100 * p >= least, thesis)
+    target = "" if least is None else f"≥ {least:g} %"
+    met = None if least is None else 100 * p >= least
+    return Figure(name, 100 * p, 100 * low, 100 * high, "%", n, target, met, thesis)
 
 
 def average(name: str, values: ArrayLike, unit: str, most: float | None = None, thesis: str = "") -> Figure:

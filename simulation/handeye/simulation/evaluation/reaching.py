@@ -7,7 +7,7 @@ far the middle of the hand's marker is from where the ball's was.
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,11 @@ from handeye.client.models import ReachJob
 from handeye.rpc.errors import InvalidArgument, Unreachable
 from handeye.simulation import grasping, kinematics, rig
 from handeye.simulation.collecting import collect
-from handeye.simulation.evaluation.outcome import Figure, Outcome, average, share
-from handeye.simulation.evaluation.site import Site
+from handeye.simulation.evaluation.outcome import Figure, average, share
+from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.experimenter import FRESH, in_view
 from handeye.simulation.gripper import TOOL_FROM_MARKER
 from handeye.simulation.report import Picture
-
-TITLE = "Reaching by the five-module chain (CSS, CAS, AJS), closed loop, random head pose"
 
 LOWER, UPPER = np.array([0.35, -0.25, 0.05]), np.array([0.85, 0.25, 0.35])
 """Where the tool centre point is to come, in m, world frame: 50 × 50 × 30 cm."""
@@ -36,23 +34,22 @@ _ONE_LOOK_EVERY = 3
 Array = NDArray[np.float64]
 
 
-def evaluate(site: Site, seed: int, trials: int) -> Outcome:
+def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
     """Collects for all modules, then reaches for places that the hand can come to."""
     for module in ("CSS", "SCS", "AJS", "CAS"):
         collect(module, site.lab, site.client, seed, site.progress)
-    random = np.random.default_rng(seed + 1)
-    told: list[dict[str, Any]] = []
-    pictures: list[Picture] = []
+    random = np.random.default_rng([seed, 1])
+    told: list[Trial] = []
     with site.progress("reaching", trials) as advance:
         while len(told) < trials:
             trial = _trial(site, random, len(told), pictures)
             if trial is not None:
                 told.append(trial)
                 advance()
-    return Outcome("reach", TITLE, (seed, seed + 1), _figures(told), tuple(told), _histograms(told), tuple(pictures))
+    return told
 
 
-def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[Picture]) -> dict[str, Any] | None:
+def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[Picture]) -> Trial | None:
     """One reach, and now and then one more by a single look; None when what was drawn cannot be tried."""
     goal, start = _posture(random), _posture(random)
     if goal is None or start is None:
@@ -95,11 +92,11 @@ def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[
     return told
 
 
-def _figures(told: list[dict[str, Any]]) -> tuple[Figure, ...]:
+def _figures(told: Sequence[Trial]) -> tuple[Figure, ...]:
     near = [each for each in told if each["depth"] < _NEAR]
     far = [each for each in told if each["depth"] >= _NEAR]
 
-    def within(trials: list[dict[str, Any]], bound: float) -> list[bool]:
+    def within(trials: Sequence[Trial], bound: float) -> list[bool]:
         return [each["state"] == "succeeded" and each["miss_mm"] <= bound for each in trials]
 
     figures = [
@@ -117,7 +114,7 @@ def _figures(told: list[dict[str, Any]]) -> tuple[Figure, ...]:
     )
 
 
-def _histograms(told: list[dict[str, Any]]) -> dict[str, tuple[float, ...]]:
+def _histograms(told: Sequence[Trial]) -> dict[str, tuple[float, ...]]:
     return {
         "Miss of single reaches, closed loop, in mm": tuple(each["miss_mm"] for each in told),
         "Miss by one look, in mm": tuple(each["one_look_mm"] for each in told if "one_look_mm" in each),
@@ -168,3 +165,12 @@ def _towards(place: Array, random: np.random.Generator) -> tuple[float, float]:
     pan = (turn + math.pi) % (2 * math.pi) - math.pi
     aside = random.uniform(-1.0, 1.0, 2) * _ASIDE
     return pan + aside[0], math.atan2(z, math.hypot(x, y)) + aside[1]
+
+
+EVALUATION = Evaluation(
+    "reach",
+    "Reaching by the five-module chain (CSS, CAS, AJS), closed loop, from random poses of the head",
+    _measure,
+    _figures,
+    _histograms,
+)

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
+from collections.abc import Sequence
 
 from handeye.simulation.collecting import FIXATIONS, collect
-from handeye.simulation.evaluation.outcome import Outcome, average, share
-from handeye.simulation.evaluation.site import Site
+from handeye.simulation.evaluation.outcome import Figure, average, share
+from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.report import Picture
 
-TITLE = "Gaze (SCS): saccades to a ball from anywhere"
+_OTHER = 100_000  # places of the test have seeds of their own
+_PICTURED = 2
 
-_THESIS = "10.6 px"
 
-
-def evaluate(site: Site, seed: int, trials: int) -> Outcome:
+def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
     """Collects 45 samples by fixating, then looks at balls elsewhere from other poses of the head."""
     experimenter, client = site.experimenter, site.client
     collect("SCS", site.lab, client, seed, site.progress)
-    told: list[dict[str, Any]] = []
-    pictures: list[Picture] = []
+    told: list[Trial] = []
     with site.progress("saccades", trials) as advance:
-        for pan, tilt, place in experimenter.balls(seed + 1):
+        for pan, tilt, place in experimenter.balls(seed + _OTHER):
             if not experimenter.present(pan, tilt, place):
                 continue
             job = client.gaze("ball")
@@ -32,28 +28,35 @@ def evaluate(site: Site, seed: int, trials: int) -> Outcome:
                 continue
             offsets = [look.offset for look in looks]
             told.append({"pan": pan, "tilt": tilt, "place": place.tolist(), "offsets": offsets, "state": job.state})
-            if len(told) <= 2:
-                pictures.append(Picture(client.frame("left"), f"Trial {len(told)}: the left picture at the end."))
+            if len(told) <= _PICTURED:
+                pictures.append(
+                    Picture(client.frame("left"), f"Seed {seed}, trial {len(told)}: the left picture at its end.")
+                )
             advance()
             if len(told) == trials:
                 break
-    first = [after(each["offsets"], 1) for each in told]
-    third = [after(each["offsets"], 3) for each in told]
-    return Outcome(
-        "scs",
-        TITLE,
-        (seed, seed + 1),
-        (
-            average(f"mean offset after one saccade, {FIXATIONS} samples", first, "px", 3.0, _THESIS),
-            average("mean offset after at most three", third, "px", 1.0),
-            share("centred to 3 px after at most three", [each <= 3.0 for each in third], 95.0),
-        ),
-        tuple(told),
-        {"Offset after one saccade, in px": tuple(first), "Offset after at most three, in px": tuple(third)},
-        tuple(pictures),
+    return told
+
+
+def _figures(trials: Sequence[Trial]) -> tuple[Figure, ...]:
+    first, third = ([after(trial["offsets"], saccades) for trial in trials] for saccades in (1, 3))
+    return (
+        average(f"mean offset after one saccade, {FIXATIONS} samples", first, "px", 3.0, "10.6 px"),
+        average("mean offset after at most three", third, "px", 1.0),
+        share("centred to 3 px after at most three", [each <= 3.0 for each in third]),
     )
+
+
+def _histograms(trials: Sequence[Trial]) -> dict[str, tuple[float, ...]]:
+    return {
+        f"Offset after {spoken}, in px": tuple(after(trial["offsets"], saccades) for trial in trials)
+        for spoken, saccades in (("one saccade", 1), ("at most three saccades", 3))
+    }
 
 
 def after(offsets: list[float], saccades: int) -> float:
     """The offset seen after so many saccades, or after the last one if it was centred before."""
-    return float(np.array(offsets)[min(saccades, len(offsets) - 1)])
+    return float(offsets[min(saccades, len(offsets) - 1)])
+
+
+EVALUATION = Evaluation("scs", "Gaze (SCS): saccades to a ball from anywhere", _measure, _figures, _histograms)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 from rich.console import Console
 
@@ -17,9 +17,10 @@ from handeye.cli.up import Clock, Stack
 from handeye.client import Client, HandeyeError
 from handeye.rpc import Bus
 from handeye.rpc.errors import RpcError
-from handeye.simulation.evaluation.outcome import Outcome
+from handeye.simulation.evaluation.outcome import Figure, Outcome
 from handeye.simulation.experimenter import Experimenter
 from handeye.simulation.lab import LabClient
+from handeye.simulation.report import Picture
 from handeye.simulation.teaching import lab_settings
 
 
@@ -37,25 +38,54 @@ class Site:
         return counted(self.console, title, total)
 
 
-class Evaluate(Protocol):
-    """One evaluation: (site, seed, trials)."""
-
-    def __call__(self, site: Site, seed: int, trials: int, /) -> Outcome:
-        """Measures."""
-        ...
+Trial = dict[str, Any]
+"""One trial, as it stands in the JSON."""
 
 
-def run(evaluate: Evaluate, seed: int, trials: int, clock: Clock, console: Console) -> Outcome:
-    """Starts a stack in a state directory of its own, evaluates, and ends it."""
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What is measured, and what is made of it."""
+
+    name: str
+    title: str
+    measure: Callable[[Site, int, int, list[Picture]], list[Trial]]
+    """(site, seed, trials, pictures to add to) -> the trials."""
+    figures: Callable[[Sequence[Trial]], tuple[Figure, ...]]
+    histograms: Callable[[Sequence[Trial]], dict[str, tuple[float, ...]]]
+    """Values of single trials, by a caption that names their unit."""
+
+
+def run(evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock, console: Console) -> Outcome:
+    """Measures for each seed on a stack of its own, and pools the trials."""
     started = time.monotonic()
+    told: list[Trial] = []
+    pictures: list[Picture] = []
+    for seed in seeds:
+        told += [{"seed": seed, **trial} for trial in _measured(evaluation, seed, trials, clock, console, pictures)]
+    return Outcome(
+        evaluation.name,
+        evaluation.title,
+        tuple(seeds),
+        evaluation.figures(told),
+        tuple(told),
+        evaluation.histograms(told),
+        tuple(pictures),
+        time.monotonic() - started,
+    )
+
+
+def _measured(
+    evaluation: Evaluation, seed: int, trials: int, clock: Clock, console: Console, pictures: list[Picture]
+) -> list[Trial]:
     with ExitStack() as opened:
         state_dir = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="handeye-evaluate-")))
         stack = opened.enter_context(Stack(state_dir, clock=clock, console=console))
         client = opened.enter_context(Client(stack.url, stack.token))
         lab = LabClient(opened.enter_context(Bus.open(lab_settings(stack.lab), name="evaluation")))
         try:
-            outcome = evaluate(Site(client, lab, Experimenter(lab, client, seed), console), seed, trials)
+            return evaluation.measure(
+                Site(client, lab, Experimenter(lab, client, seed), console), seed, trials, pictures
+            )
         except (HandeyeError, RpcError):
             stack.check()  # says which process died rather than what that did to a call
             raise
-    return replace(outcome, seconds=time.monotonic() - started)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from handeye.simulation.evaluation.outcome import Outcome, average
-from handeye.simulation.evaluation.site import Site
+from handeye.simulation.evaluation.outcome import Figure, average
+from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.experimenter import thesis_views
-
-TITLE = "Camera-centred stereo (CSS) on rendered images"
+from handeye.simulation.report import Picture
 
 _TRAIN, _TEST = 365, 200
-_THESIS = "about 5 mm"
 
 
-def evaluate(site: Site, seed: int, _trials: int) -> Outcome:
+def _measure(site: Site, seed: int, _trials: int, _pictures: list[Picture]) -> list[Trial]:
     """Shows the nine views, trains by a random choice of their intersections, and asks for others."""
     random = np.random.default_rng(seed)
     views = thesis_views(random)
@@ -30,16 +30,21 @@ def evaluate(site: Site, seed: int, _trials: int) -> Outcome:
     client.create_module(declaration)
     client.add_samples("CSS", inputs[train], outputs[train])
     errors = 1e3 * (client.query("CSS", inputs[test]).outputs - outputs[test])
-    whole = np.linalg.norm(errors, axis=1)
-    return Outcome(
-        "css",
-        TITLE,
-        (seed,),
-        (
-            average(f"mean error, {_TRAIN} samples, 85–125 cm", whole, "mm", 1.0, _THESIS),
-            average("of it across the line of sight", np.linalg.norm(errors[:, :2], axis=1), "mm"),
-            average("of it in depth", np.abs(errors[:, 2]), "mm"),
-        ),
-        tuple({"point": outputs[i].tolist(), "error_mm": each.tolist()} for i, each in zip(test, errors, strict=True)),
-        {"Error of single points, in mm": tuple(whole.tolist())},
+    return [{"point": outputs[i].tolist(), "error_mm": each.tolist()} for i, each in zip(test, errors, strict=True)]
+
+
+def _figures(trials: Sequence[Trial]) -> tuple[Figure, ...]:
+    errors = np.array([trial["error_mm"] for trial in trials])
+    whole, across = np.linalg.norm(errors, axis=1), np.linalg.norm(errors[:, :2], axis=1)
+    return (
+        average(f"mean error, {_TRAIN} samples, 85–125 cm", whole, "mm", 1.0, "about 5 mm"),
+        average("of it across the line of sight", across, "mm"),
+        average("of it in depth", np.abs(errors[:, 2]), "mm"),
     )
+
+
+def _histograms(trials: Sequence[Trial]) -> dict[str, tuple[float, ...]]:
+    return {"Error of single points, in mm": tuple(float(np.linalg.norm(trial["error_mm"])) for trial in trials)}
+
+
+EVALUATION = Evaluation("css", "Camera-centred stereo (CSS) on rendered images", _measure, _figures, _histograms)
