@@ -30,6 +30,7 @@ from handeye.proto.v1.rpc_pb2 import (
     CallRequest,
 )
 from handeye.rpc import Bus, BusSettings, Call, errors
+from handeye.rpc.method import key
 
 Eventually = Callable[[Callable[[], bool]], bool]
 
@@ -344,6 +345,37 @@ class TestIdempotency:
             with pytest.raises(errors.DeadlineExceeded):
                 client.call(ROBOT_ADVANCE, AdvanceRequest(), 0.2, idempotency_id="a")
             assert client.call(ROBOT_ADVANCE, AdvanceRequest(), 2.0, idempotency_id="a").world_time == 2.0
+
+    @pytest.mark.parametrize("late", [0.0, 0.05, 0.15])
+    def test_asking_again_just_when_the_time_is_over_is_not_told_so(
+        self, client: Bus, server_bus: Bus, late: float
+    ) -> None:
+        calls: list[int] = []
+
+        def slow_to_notice(_request: AdvanceRequest, call: Call) -> RobotState:
+            calls.append(1)
+            if len(calls) == 1:
+                while call.time_left() > -0.1:
+                    time.sleep(0.005)
+                with pytest.raises(errors.RpcError) as over:
+                    call.check()
+                time.sleep(0.1)
+                raise over.value
+            return RobotState(world_time=2.0)
+
+        with server_bus.serve({ROBOT_ADVANCE: slow_to_notice}), ThreadPoolExecutor(1) as pool:
+            # The first caller's cancellation is lost: its process died.
+            request = CallRequest(call_id="one", idempotency_id="a", caller="dead", time_left=0.2)
+            where = key(client._cell, "Robot", "Advance")
+            asked = pool.submit(
+                lambda: list(client._session.get(where, payload=request.SerializeToString(), timeout=5.0))
+            )
+            while not calls:
+                time.sleep(0.005)
+            time.sleep(0.3 + late)
+            assert client.call(ROBOT_ADVANCE, AdvanceRequest(), 2.0, idempotency_id="a").world_time == 2.0
+            asked.result(10.0)
+        assert len(calls) == 2
 
     def test_call_ends_when_all_its_callers_have_left(self, client: Bus, server_bus: Bus) -> None:
         handler = UntilCancelled()

@@ -33,7 +33,7 @@ class Call:
 
     def __init__(self, method: Method[Any, Any], request: CallRequest) -> None:
         self.method, self.caller = method, request.caller
-        self._deadline, self._ended = time.monotonic() + request.time_left, 0.0
+        self._deadline, self._ended, self._expired = time.monotonic() + request.time_left, 0.0, False
         self._logged = {"request_id": request.request_id} if request.request_id else {}
         self._waiting: dict[str, zenoh.Query] = {}
         self._halt: RpcError | None = None
@@ -51,7 +51,8 @@ class Call:
         """Raises Cancelled (Unavailable when the server is closing) or DeadlineExceeded; call it in long loops."""
         if self._halt is not None:
             raise self._halt
-        if self.time_left() <= 0:
+        self._expired = self.time_left() <= 0  # who asks again from now on wants it done after all
+        if self._expired:
             raise DeadlineExceeded(f"{self.method}: the caller's time ran out")
 
     def progress(self, message: Message) -> None:
@@ -117,7 +118,7 @@ class Server(Closing):
         if self._closed:
             raise Unavailable(f"{new.method}: the server is closing")
         name = (str(new.method), request.idempotency_id)
-        call = self._remembered.get(name, new)
+        call = next(known for known in (self._remembered.get(name, new), new) if not known._expired)
         if call._answer is None:
             self._under_way[request.call_id] = call
             call._waiting[request.call_id] = query
@@ -142,7 +143,7 @@ class Server(Closing):
                 response = job(call)
                 if not isinstance(response, call.method.response):
                     raise TypeError(f"the handler of {call.method} returned {type(response).__name__}")  # noqa: TRY301
-                answer = CallReply(result=response.SerializeToString())
+                answer, call._expired = CallReply(result=response.SerializeToString()), False
             except BaseException as error:  # whatever the handler raises, the caller gets an answer
                 if not isinstance(error, RpcError):
                     log.exception("handler failed", method=str(call.method), caller=call.caller)
