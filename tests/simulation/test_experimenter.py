@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from handeye.client.models import Head
 from handeye.simulation import rig
-from handeye.simulation.evaluation.outcome import average, share
+from handeye.simulation.evaluation.outcome import Outcome, average, share
 from handeye.simulation.evaluation.saccade import after
 from handeye.simulation.experimenter import GridView, evenly, in_view, thesis_views, volume_views
 from handeye.simulation.objects import GRID
@@ -74,6 +76,20 @@ def test_figures_have_intervals() -> None:
     assert mean.low < 3.0 < mean.high
     assert mean.high - mean.low == pytest.approx(4 * 1.0 / 20.0, rel=0.15)
     assert average("error", values, "mm").met is None
+
+
+def test_an_outcome_is_a_page_and_numbers(tmp_path: Path) -> None:
+    figures = (average("error", [1.0, 2.0, 3.0], "mm", 1.0, "5 mm"), share("reached", [True, False], 95.0))
+    trials = ({"seed": 1, "error_mm": [0.12345678, 1.0]},)
+    outcome = Outcome("try", "A <title>", (1, 2), figures, trials, {"Error, in mm": (0.5, 1.5)}, (), 3.0)
+    outcome.write(tmp_path)
+    told = json.loads((tmp_path / "try.json").read_text())
+    assert told["trials"] == [{"seed": 1, "error_mm": [0.123457, 1.0]}]
+    assert [each["met"] for each in told["figures"]] == [False, False]
+    page = (tmp_path / "try.html").read_text()
+    assert "A &lt;title&gt;" in page
+    assert page.count("missed</span>") == 2
+    assert "Error, in mm" in page
 
 
 def test_what_was_centred_before_stays_so() -> None:

@@ -63,6 +63,15 @@ def average(name: str, values: ArrayLike, unit: str, most: float | None = None, 
     return Figure(name, mean, float(low), float(high), unit, len(found), target, met, thesis)
 
 
+def _rounded(value: Any) -> Any:
+    """Numbers to a millionth of their unit: more than that says nothing, and takes room."""
+    if isinstance(value, float):
+        return round(value, 6)
+    if isinstance(value, dict):
+        return {name: _rounded(each) for name, each in value.items()}
+    return [_rounded(each) for each in value] if isinstance(value, list) else value
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """What one evaluation found."""
@@ -94,7 +103,7 @@ class Outcome:
             "name": self.name,
             "seeds": self.seeds,
             "figures": [asdict(figure) for figure in self.figures],
-            "trials": self.trials,
+            "trials": [_rounded(trial) for trial in self.trials],
             "seconds": round(self.seconds, 1),
         }
         (directory / f"{self.name}.json").write_text(json.dumps(numbers, indent=1) + "\n")
