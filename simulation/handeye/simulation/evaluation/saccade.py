@@ -27,7 +27,8 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
             if not looks:  # the arm is before it
                 continue
             offsets = [look.offset for look in looks]
-            told.append({"pan": pan, "tilt": tilt, "place": place.tolist(), "offsets": offsets, "state": job.state})
+            failure = "" if job.succeeded else job.failure
+            told.append({"pan": pan, "tilt": tilt, "place": place.tolist(), "offsets": offsets, "failure": failure})
             if len(told) <= _PICTURED:
                 pictures.append(
                     Picture(client.frame("left"), f"Seed {seed}, trial {len(told)}: the left picture at its end.")
