@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -39,10 +40,11 @@ def test_collects_gazes_and_reaches_from_pictures_and_encoders(tmp_path: Path) -
         experimenter.show_grid(volume_views(np.random.default_rng(SEED), depths=6), ignore)
         experimenter.register_ball()
         experimenter.show_ball(14, 3, ignore)
-        for module, postures in (("AJS", 80), ("CAS", 30)):
+        babblers: tuple[tuple[Literal["AJS", "CAS"], int], ...] = (("AJS", 80), ("CAS", 30))
+        for module, postures in babblers:
             lab.reset(SEED)
             collected = client.collect_postures(
-                [module],  # type: ignore[list-item]  # one of those above
+                [module],
                 postures=postures,
                 lower=LOWER,
                 upper=UPPER,

@@ -6,12 +6,13 @@ import math
 from contextlib import AbstractContextManager
 from typing import Protocol
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from handeye.camera_bridge.driver import HeadDriver, HeadState, Tick
-from handeye.modules.spaces import HeadAngles
+from handeye.modules.spaces import HeadAngles, JointDifference
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch
-from handeye.rpc.errors import Busy
+from handeye.rpc.errors import Busy, OutOfLimits
 from handeye.server.problem import Conflict
 
 _TURN_LIMIT = 30.0  # s that the head may take to turn
@@ -105,6 +106,21 @@ class LeasedRobot(Protocol):
     def reset(self) -> RobotState:
         """Clears the software stop; the next move is ramped."""
         ...
+
+
+def too_far(answered: str, turn: JointDifference, most: float) -> OutOfLimits | None:
+    """Why the arm is not moved by an answer that turns a joint by more than `most` rad; None when it may be.
+
+    `answered`: whose answer it is, for the sentence.
+    """
+    joint = int(np.argmax(np.abs(turn.angles)))
+    largest = float(abs(turn.angles[joint]))
+    if largest <= most:  # not true of nan
+        return None
+    return OutOfLimits(
+        f"The answer of {answered} would turn joint {joint + 1} by {largest:.2f} rad; one answer may turn a joint by "
+        f"{most:.2f} rad at most."
+    )
 
 
 class ActingRobot:

@@ -16,8 +16,8 @@ from handeye.modules.answers import Answer
 from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ImagePair, JointDifference
 from handeye.robot_bridge.driver import Joints, RobotState
-from handeye.rpc.errors import OutOfLimits, RpcError
-from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegion
+from handeye.rpc.errors import RpcError
+from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegion, too_far
 from handeye.server.demonstration import Subtask
 from handeye.server.eyes import Eyes, Sighting
 from handeye.server.jobs import Job
@@ -159,14 +159,7 @@ class Run:
                 f"{self._settings.least_support:.2f} is asked for). The nearest demonstration is "
                 f"'{nearest.demonstration}'; show one there."
             )
-        joint = int(np.argmax(np.abs(turn.angles)))
-        largest = float(abs(turn.angles[joint]))
-        if not largest <= self._settings.largest_move:  # also true of nan
-            return OutOfLimits(
-                f"The answer of subtask '{subtask}' would turn joint {joint + 1} by {largest:.2f} rad; one answer may "
-                f"turn a joint by {self._settings.largest_move:.2f} rad at most."
-            )
-        return None
+        return too_far(f"subtask '{subtask}'", turn, self._settings.largest_move)
 
     def _move(self, before: RobotState, turn: JointDifference) -> tuple[float, ...]:
         after = self._robot.adjust_joints(turn.angles)
@@ -188,10 +181,7 @@ class Run:
             hand=(found.hand.row, found.hand.column, found.hand.disparity),
             delta=tuple(float(value) for value in turn.angles),
             support=answer.support,
-            neighbours=tuple(
-                NeighbourRecord(sample=n.sample_id, demonstration=n.demonstration, distance=n.distance, weight=n.weight)
-                for n in answer.neighbours[:_NEIGHBOURS_RECORDED]
-            ),
+            neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
             moved=moved,
             picture=self._path(number),
         )

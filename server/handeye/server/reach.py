@@ -15,8 +15,7 @@ from handeye.camera_bridge.driver import StereoPair
 from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ArmPoint, Floats, HeadAngles, ImagePair, ImagePoint, JointAngles, JointDifference
 from handeye.robot_bridge.driver import RobotState
-from handeye.rpc.errors import OutOfLimits
-from handeye.server.acting import ActingRobot, OutsideTaughtRegion
+from handeye.server.acting import ActingRobot, OutsideTaughtRegion, too_far
 from handeye.server.chain import Chain, Said
 from handeye.server.eyes import Eyes
 from handeye.server.jobs import Job
@@ -150,14 +149,7 @@ class Reach:
                 f"Module '{least.module}' was not taught here (support {least.answer.support:.2f}, at least "
                 f"{self._settings.least_support:.2f} is asked for): collect samples of it in this region."
             )
-        joint = int(np.argmax(np.abs(turn.angles)))
-        largest = float(abs(turn.angles[joint]))
-        if not largest <= self._settings.largest_move:  # also true of nan
-            return OutOfLimits(
-                f"The answer of module 'AJS' would turn joint {joint + 1} by {largest:.2f} rad; one answer may turn a "
-                f"joint by {self._settings.largest_move:.2f} rad at most."
-            )
-        return None
+        return too_far("module 'AJS'", turn, self._settings.largest_move)
 
     def _move(self, before: RobotState, turn: JointDifference) -> tuple[float, ...]:
         if self._robot.lockstep:
@@ -201,8 +193,5 @@ def _answer_record(said: Said) -> AnswerRecord:
     return AnswerRecord(
         module=said.module,
         support=said.answer.support,
-        neighbours=tuple(
-            NeighbourRecord(sample=n.sample_id, demonstration=n.demonstration, distance=n.distance, weight=n.weight)
-            for n in said.answer.neighbours[:_NEIGHBOURS_RECORDED]
-        ),
+        neighbours=NeighbourRecord.nearest_of(said.answer, _NEIGHBOURS_RECORDED),
     )

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, WithJsonSchema
 
+from handeye.modules.answers import Answer
 from handeye.modules.declaration import ApproximatorSettings
 
 THREE = WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3})
@@ -30,6 +31,14 @@ class NeighbourRecord(_Record):
     """From the query, in the module's scaled input units."""
     weight: float
     """Its share in the answer."""
+
+    @classmethod
+    def nearest_of(cls, answer: Answer, most: int) -> tuple[NeighbourRecord, ...]:
+        """At most so many of an answer's neighbours, the nearest first."""
+        return tuple(
+            cls(sample=n.sample_id, demonstration=n.demonstration, distance=n.distance, weight=n.weight)
+            for n in answer.neighbours[:most]
+        )
 
 
 class LookRecord(_Record):
