@@ -159,3 +159,9 @@ def test_noise_is_as_strong_as_the_profile_says(grid: Grid) -> None:
     assert grey.sum() > 1000
     assert difference[grey].std() == pytest.approx(3.0, rel=0.1)
     assert difference[grey].mean() == pytest.approx(0.0, abs=0.3)
+
+
+def test_what_is_in_view_is_in_both_pictures() -> None:
+    assert rig.in_view([0.6, 0.0, 0.1], 0.0, -0.5)
+    for elsewhere in ((0.6, 0.9, 0.1), (0.6, 0.0, 1.4), (3.0, 0.0, 0.1)):
+        assert not rig.in_view(elsewhere, 0.0, -0.5)

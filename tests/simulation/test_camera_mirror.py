@@ -11,6 +11,7 @@ import pytest
 from handeye.robot_bridge.drivers.simulated import SimulatedRobot
 from handeye.simulation import gripper, kinematics, objects, rig
 from handeye.simulation.camera import Camera, Image
+from handeye.simulation.conditions import Conditions
 from handeye.simulation.grasping import solve_chain
 from handeye.simulation.mirror import Mirror
 from handeye.simulation.pose import Pose
@@ -143,3 +144,9 @@ def test_the_marker_is_seen_at_every_pose_of_a_grasp(world: World, mirror: Mirro
             assert found.ravel().tolist() == [gripper.MARKER_ID]
             centre = corners[0][0].mean(axis=0)[::-1]
             assert centre == pytest.approx(rig.project(marker, name, *HOME, PROFILE), abs=1.0)
+
+
+def test_a_bumped_head_sees_from_where_it_really_points(world: World, mirror: Mirror) -> None:
+    world.reset(5, Conditions(head_bump=(0.03, -0.02)))
+    image, _ = mirror.picture("left", world.time, *HOME)
+    assert np.array_equal(image, directly(world, "left", HOME[0] + 0.03, HOME[1] - 0.02))

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handeye.client.models import Head
 from handeye.simulation import rig
 from handeye.simulation.evaluation.outcome import Outcome, average, share
 from handeye.simulation.evaluation.saccade import after
-from handeye.simulation.experimenter import GridView, evenly, in_view, thesis_views, volume_views
+from handeye.simulation.experimenter import GridView, evenly, thesis_views, volume_views
 from handeye.simulation.objects import GRID
 from handeye.simulation.profile import Profile
 
@@ -46,13 +45,6 @@ def test_views_fill_the_volume() -> None:
     assert points[:, 2].max() > 1.45
     assert np.ptp(points[:, 0] / points[:, 2]) > 0.5
     assert np.ptp(points[:, 1] / points[:, 2]) > 0.5
-
-
-def test_what_is_in_view_is_in_both_pictures() -> None:
-    head = Head(pan=0.0, tilt=-0.5, moving=False, world_time=0.0)
-    assert in_view(np.array([0.6, 0.0, 0.1]), head)
-    for elsewhere in ((0.6, 0.9, 0.1), (0.6, 0.0, 1.4), (3.0, 0.0, 0.1)):
-        assert not in_view(np.array(elsewhere), head)
 
 
 @pytest.mark.parametrize("seed", [0, 7])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from handeye.robot_bridge.drivers.simulated import SimulatedRobot
 from handeye.rpc import Bus, LabBusSettings
 from handeye.rpc.errors import Busy, InvalidArgument
 from handeye.simulation import grasping
-from handeye.simulation.lab import LabClient, LabService
+from handeye.simulation.conditions import ORDINARY, Conditions
+from handeye.simulation.lab import LabClient, LabService, conditions_from_proto, conditions_to_proto
 from handeye.simulation.objects import BALL, CUPS, ObjectSpec
 from handeye.simulation.pose import Pose
 from handeye.simulation.world import World
@@ -52,6 +54,38 @@ def test_scene_and_states_arrive_as_they_are(world: World, lab: LabClient) -> No
     assert lab.remove(CUP.name).objects == ()
     assert lab.reset(9).seed == 9
     assert lab.world().world_time == 0.0
+
+
+def test_conditions_stand_until_the_next_reset(world: World, lab: LabClient) -> None:
+    """Encoders read too much, the gripper opens less, the head is turned: and nothing that the robot says tells."""
+    conditions = Conditions(0.07, (0.0, 0.01, 0.0, 0.0, -0.02, 0.0), (0.03, -0.01))
+    scene = lab.reset(4, conditions)
+    assert scene.conditions == conditions
+    assert scene == world.scene() == lab.scene()
+    robot = SimulatedRobot(world)
+    assert robot.state().joints == pytest.approx(grasping.PARK, abs=1e-3)
+    assert lab.world().joints == pytest.approx(grasping.PARK - conditions.joint_offsets, abs=2e-3)
+    assert robot.state().gripper_opening == pytest.approx(0.07, abs=1e-3)
+    goal = grasping.PARK + 0.1
+    assert robot.move_to_joints(goal).joints == pytest.approx(goal, abs=1e-3)
+    assert lab.world().joints == pytest.approx(goal - conditions.joint_offsets, abs=2e-3)
+    robot.close_gripper()
+    assert robot.open_gripper().gripper_opening == pytest.approx(0.07, abs=1e-3)
+    assert lab.reset(4).conditions == ORDINARY
+    assert robot.state().gripper_opening == pytest.approx(0.09, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"opening": 0.2}, {"joint_offsets": (0.0,)}, {"joint_offsets": (np.nan,) * 6}, {"head_bump": (1.0, 0.0)}],
+)
+def test_conditions_that_cannot_be_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="opening|offsets"):
+        Conditions(**wrong)
+    message = conditions_to_proto(ORDINARY)
+    message.opening = 0.2
+    with pytest.raises(InvalidArgument, match="opening"):
+        conditions_from_proto(message)
 
 
 def test_an_object_is_held_where_it_is_said(world: World, lab: LabClient) -> None:

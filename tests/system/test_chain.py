@@ -12,8 +12,8 @@ from handeye.cli.up import Stack
 from handeye.client import Client
 from handeye.rpc import Bus
 from handeye.simulation import grasping, kinematics
-from handeye.simulation.evaluation.reaching import marker
 from handeye.simulation.experimenter import FRESH, Experimenter, volume_views
+from handeye.simulation.gripper import marker_place
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import BALL
 from handeye.simulation.teaching import lab_settings
@@ -54,7 +54,7 @@ def test_collects_gazes_and_reaches_from_pictures_and_encoders(tmp_path: Path) -
         assert {each.name for each in client.modules()} == {"CSS", "SCS", "AJS", "CAS"}
         for goal in GOALS:
             lab.reset(SEED)
-            place = marker(kinematics.forward(grasping.solve(grasping.grasp_pose(np.array(goal[:2]), goal[2]))))
+            place = marker_place(kinematics.forward(grasping.solve(grasping.grasp_pose(np.array(goal[:2]), goal[2]))))
             with client.control("test") as control:
                 experimenter.hang_ball(place)
                 hung = control.state().world_time
@@ -68,7 +68,7 @@ def test_collects_gazes_and_reaches_from_pictures_and_encoders(tmp_path: Path) -
             reach = client.reach(seen.point).raise_for_failure().result
             assert reach is not None
             assert len(reach.looks) <= 6
-            assert np.linalg.norm(marker(lab.world().tool.matrix()) - place) < 0.006
+            assert np.linalg.norm(marker_place(lab.world().tool.matrix()) - place) < 0.006
             # Every motion says what it came from.
             moved = [look for look in reach.looks if look.moved]
             assert moved

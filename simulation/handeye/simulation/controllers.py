@@ -26,14 +26,16 @@ class ArmController:
     motor turns inside the play, and is dragged at the play's edge. The encoder sits on the motor.
     """
 
-    def __init__(self, stage: Stage, profile: Profile, motor: Array, rng: np.random.Generator) -> None:
+    def __init__(self, stage: Stage, profile: Profile, motor: Array, offsets: Array, rng: np.random.Generator) -> None:
+        """It begins where encoders read `motor` (6,), rad; they read `offsets` (6,), rad, too much."""
         self._stage = stage
         self._half_play = profile.backlash / 2
         self._encoder_step = puma.ENCODER_STEP if profile.encoder else None
         self._motor = motor.copy()
+        self._offsets = offsets
         self._motor_speed = np.zeros(6)
         # Where in the play a link rests is chance.
-        self._link = motor + rng.uniform(-1.0, 1.0, 6) * self._half_play
+        self._link = motor - offsets + rng.uniform(-1.0, 1.0, 6) * self._half_play
         self._motion: JointMotion | None = None
 
     @property
@@ -67,7 +69,8 @@ class ArmController:
             motor = self._motion.advance()
             if self._motion.finished:
                 self._motion = None
-        link = np.clip(self._link, motor - self._half_play, motor + self._half_play)
+        driven = motor - self._offsets
+        link = np.clip(self._link, driven - self._half_play, driven + self._half_play)
         # Position where the link should be now and the speed that brings it to where it should be next: the motor
         # constraint then has no lag to make up for.
         pybullet.setJointMotorControlArray(
@@ -86,6 +89,7 @@ class ArmController:
 
     def encoders(self, joints: Array) -> Array:
         """What the encoders read while the links are at `joints` (6,), rad."""
+        # The offsets are in it: motors are counted as the encoders read them.
         reading = joints + (self._motor - self._link)
         if self._encoder_step is None:
             return reading
@@ -100,10 +104,12 @@ class ArmController:
 class GripperController:
     """Drives the two fingers, coupled by a gear: opens by position, closes until a force is reached."""
 
-    def __init__(self, stage: Stage, force: float) -> None:
+    def __init__(self, stage: Stage, force: float, travel: float) -> None:
+        """The fingers press with `force`, in N, and each travels `travel` m from the middle."""
         self._stage = stage
         self._force = force
-        self._reference = self._goal = gripper.FINGER_TRAVEL
+        self._travel = travel
+        self._reference = self._goal = travel
         self._stalled = _STALLED_STEPS
         # The one constraint of the robot: finger to finger, never to an object. The master's force is shared by both.
         gear = pybullet.createConstraint(
@@ -130,11 +136,11 @@ class GripperController:
     @property
     def fraction(self) -> float:
         """Share of the way to the goal that the fingers have been led, 0..1."""
-        return 1.0 - abs(self._goal - self._reference) / gripper.FINGER_TRAVEL
+        return 1.0 - abs(self._goal - self._reference) / self._travel
 
     def open(self) -> None:
         """Sends the fingers apart."""
-        self._send(gripper.FINGER_TRAVEL)
+        self._send(self._travel)
 
     def close(self) -> None:
         """Sends the fingers together."""

@@ -7,24 +7,21 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
-from handeye.cli import CliError
 from handeye.cli.progress import progress
 from handeye.cli.up import Stack
-from handeye.client import Client, HandeyeError, TimedOut
-from handeye.client.models import Job
+from handeye.client import Client, HandeyeError
 from handeye.rpc import Bus
 from handeye.rpc.errors import RpcError
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import CUPS
 from handeye.simulation.places import Place, Purpose, draw
-from handeye.simulation.report import Picture, Report, Series, Trial
-from handeye.simulation.scoring import CupSize, Track, score
+from handeye.simulation.report import Picture, Report, Series
 from handeye.simulation.teaching import lab_settings
+from handeye.simulation.trying import Judged, Trials
 
 TASK = "grasp"
 OBJECT = "blue cup"
@@ -32,20 +29,8 @@ TAUGHT = 10
 """Taught sequences, as in Table 4.1."""
 PLAIN_TRIALS = 10
 """The plain variant is tried at so many of the random places at most."""
-TRIAL_TIMEOUT = 120.0
-"""A trial that takes longer has failed, in s."""
-SAMPLING = 0.02
-"""The referee looks at the truth every so many s of world time."""
 PICTURED_TRIALS = 2
 """So many random trials are shown with pictures."""
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """A trial with the job that it was."""
-
-    trial: Trial
-    job: Job
 
 
 class Demonstration:
@@ -57,6 +42,7 @@ class Demonstration:
         self._lab = lab
         self._console = console
         self._spec = CUPS[OBJECT]
+        self._trials = Trials(client, lab, self._spec, TASK, stack.check)
 
     def run(self, seed: int, trials: int, started: float) -> Report:
         """Everything, in order, on the clock since `started` (of `time.monotonic`).
@@ -114,52 +100,11 @@ class Demonstration:
         with progress(self._console) as bar:
             task = bar.add_task(title, total=len(places))
             for number, place in enumerate(places, start=1):
-                judged = self._trial(number, place, one_look=one_look)
+                judged = self._trials.at(number, place, one_look=one_look)
                 on_trial(judged)
                 trials.append(judged.trial)
                 bar.update(task, advance=1, description=f"{title}: {sum(each.well for each in trials)} passed")
         return Series(tuple(trials))
-
-    def _trial(self, number: int, place: Place, *, one_look: bool) -> Judged:
-        """Resets the world, places the cup, runs the task, and lets the referee judge."""
-        self._stack.check()
-        self._lab.reset(place.seed)
-        self._lab.place(self._spec, (place.x, place.y), place.yaw)
-        placed = self._lab.world().world_time
-        job = self._run(one_look=one_look)
-        track = Track.of(self._lab.history(placed, every=SAMPLING), self._spec.name)
-        ended = {part.name: part.ended for part in job.result.subtasks if part.ended is not None}
-        result = score(track, CupSize(self._spec.radius, self._spec.height), ended)
-        trial = Trial(
-            number=number,
-            place=place,
-            passed=dict(result.passed),
-            miss_mm=result.miss_mm,
-            pushed_mm=result.pushed_mm,
-            looks=sum(len(part.looks) for part in job.result.subtasks),
-            world_seconds=float(track.time[-1] - track.time[0]),
-            failure="" if job.succeeded else job.failure,
-        )
-        return Judged(trial, job)
-
-    def _run(self, *, one_look: bool) -> Job:
-        """The task as a job that has ended, the robot free to move again.
-
-        A job that failed by itself has stopped the arm and is a failed trial. A process that died and a stop by
-        somebody else are the end of the demonstration.
-        """
-        started = self._client.start_run(TASK, self._spec.name, one_look=one_look)
-        try:
-            job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT)
-        except TimedOut:
-            self._client.cancel_job(started.id)
-            job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT)
-        if not job.succeeded:
-            self._stack.check()
-            if job.error is not None and job.error.code == "stopped":
-                raise CliError(f"the robot was stopped from outside during a trial: {job.failure}")
-            self._client.reset_robot()
-        return job
 
     def _pictures(self, judged: Judged) -> Iterator[Picture]:
         """First and last look of each subtask of a trial, and the observer's view of its end."""

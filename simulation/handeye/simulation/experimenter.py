@@ -15,8 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye.client import Client
-from handeye.client.models import Head
+from handeye.client import ApiError, Client
 from handeye.rpc.errors import InvalidArgument
 from handeye.simulation import rig
 from handeye.simulation.lab import LabClient
@@ -32,10 +31,10 @@ ASIDE = (math.pi / 2, 0.0)
 """(pan, tilt) in rad: away from arm and table, where there is room to hold a grid."""
 
 _HEAD_PAN, _HEAD_TILT = (-1.0, 1.0), (-0.9, 0.25)  # rad: from where the ball is fixated
-_MARGIN = 30.0  # px between the ball and the border of both pictures
 _LEAST_HEIGHT = 0.06  # m above the table
 _TURNED = np.array([0.15, 0.35, 0.35])  # rad: how far a grid is rolled, pitched and yawed at most
-_EXAMPLES = ((0.55, -0.12, 0.15), (0.75, 0.10, 0.10), (0.62, 0.0, 0.28))  # m, world frame: the ball, well in view
+_EXAMPLES = 8  # a ball is lit otherwise from each side
+_WHOLE = 60.0  # px from the border in which an example lies at least
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,19 +112,29 @@ class Experimenter:
         self._lab.remove(GRID.name)
 
     def register_ball(self) -> None:
-        """Shows the coordinator what the ball looks like."""
+        """Shows the coordinator what the ball looks like, from poses of the head all over its range."""
         self._lab.reset(self._seed)
-        with self._client.control("experimenter") as control:
-            for _ in range(2):
-                empty = control.state().world_time
+        shown = 0
+        for pan, tilt, place in self.balls(self._seed, _WHOLE):
+            with self._client.control("experimenter") as control:
+                empty = control.turn_head(pan, tilt).world_time
                 control.advance(FRESH)
                 self._client.add_background(BALL.name, empty)
-            for place in _EXAMPLES:
-                self.hang_ball(np.array(place))
+                try:
+                    self.hang_ball(place)
+                except InvalidArgument:  # the arm is there
+                    continue
                 held = control.state().world_time
                 control.advance(FRESH)
-                self._client.add_example(BALL.name, held)
-        self.take_ball()
+                try:
+                    self._client.add_example(BALL.name, held)
+                except ApiError:  # the arm is before it
+                    continue
+                finally:
+                    self.take_ball()
+            shown += 1
+            if shown == _EXAMPLES:
+                break
 
     def show_ball(self, count: int, nearly_centred: int, on_fixation: Callable[[], None]) -> None:
         """Has SCS learn from `count` fixations of the ball, the last `nearly_centred` of them from their ends only."""
@@ -161,8 +170,11 @@ class Experimenter:
         """Takes the ball away."""
         self._lab.remove(BALL.name)
 
-    def balls(self, seed: int) -> Iterator[tuple[float, float, Array]]:
-        """(pan, tilt) of the head, and a place of the ball in both pictures: evenly over pictures, depths and tilts."""
+    def balls(self, seed: int, margin: float = rig.MARGIN) -> Iterator[tuple[float, float, Array]]:
+        """(pan, tilt) of the head, and a place of the ball in both pictures: evenly over pictures, depths and tilts.
+
+        The ball's middle is at least `margin` px from the pictures' borders.
+        """
         camera = rig.rig().camera
         for row, column, near, lean, aside in evenly(5, seed):
             pan, tilt = np.interp(aside, (0, 1), _HEAD_PAN), np.interp(lean, (0, 1), _HEAD_TILT)
@@ -171,7 +183,7 @@ class Experimenter:
             right = (column * camera.width - camera.principal_column) / camera.focal_length * depth
             world_from_camera = np.linalg.inv(rig.left_from_world(pan, tilt))
             place = world_from_camera[:3, :3] @ [right, down, depth] + world_from_camera[:3, 3]
-            if place[2] > _LEAST_HEIGHT and in_view(place, Head(pan=pan, tilt=tilt, moving=False, world_time=0.0)):
+            if place[2] > _LEAST_HEIGHT and rig.in_view(place, pan, tilt, margin):
                 yield float(pan), float(tilt), place
 
 
@@ -188,21 +200,6 @@ def evenly(dimensions: int, seed: int) -> Iterator[Array]:
     while True:
         yield point
         point = (point + step) % 1.0
-
-
-def in_view(place: Array, head: Head, margin: float = _MARGIN) -> bool:
-    """Whether a point (3,), m, world frame, is in both pictures, `margin` px from their borders."""
-    camera = rig.rig().camera
-    transforms = [rig.camera_from_world(name, head.pan, head.tilt) for name in ("left", "right")]
-    for camera_from_world in transforms:
-        x, y, z = camera_from_world[:3, :3] @ place + camera_from_world[:3, 3]
-        if z <= 0.1:
-            return False
-        row = camera.principal_row + camera.focal_length * y / z
-        column = camera.principal_column + camera.focal_length * x / z
-        if not (margin < row < camera.height - margin and margin < column < camera.width - margin):
-            return False
-    return True
 
 
 def _turn(axis: int, angle: float) -> Array:

@@ -69,6 +69,12 @@ TOOL_FROM_MARKER: Array = _plate_pose()
 """Pose of the marker's centre in the tool frame, 4×4, in m."""
 
 
+def marker_place(world_from_tool: Array) -> Array:
+    """Where the middle of the marker is, (3,) in m, world frame."""
+    place: Array = (world_from_tool @ TOOL_FROM_MARKER)[:3, 3]
+    return place
+
+
 def marker_cells() -> NDArray[np.bool_]:
     """The plate's 8×8 cells, True where black: the marker with its white margin."""
     dictionary = cv2.aruco.getPredefinedDictionary(MARKER_DICTIONARY)

@@ -14,6 +14,7 @@ from handeye.proto import methods
 from handeye.proto.v1 import lab_pb2
 from handeye.rpc import Bus, Call, Method
 from handeye.rpc.errors import InvalidArgument
+from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.objects import ObjectSpec, Shape
 from handeye.simulation.pose import Pose
 from handeye.simulation.scene import ObjectState, WorldState
@@ -60,7 +61,8 @@ class LabService:
         return lab_pb2.WorldHistory(states=[state_to_proto(state) for state in states])
 
     def _reset(self, request: lab_pb2.ResetWorldRequest, _call: Call) -> lab_pb2.Scene:
-        return scene_to_proto(self._world.reset(request.seed))
+        conditions = conditions_from_proto(request.conditions) if request.HasField("conditions") else ORDINARY
+        return scene_to_proto(self._world.reset(request.seed, conditions))
 
     def _place(self, request: lab_pb2.PlaceObjectRequest, _call: Call) -> lab_pb2.Scene:
         if len(request.position) != 2:
@@ -98,9 +100,9 @@ class LabClient:
         answer = self._bus.call(methods.LAB_GET_HISTORY, request, timeout=self._timeout)
         return [state_from_proto(state) for state in answer.states]
 
-    def reset(self, seed: int = 0) -> Scene:
+    def reset(self, seed: int = 0, conditions: Conditions = ORDINARY) -> Scene:
         """Rebuilds the world; `Busy` during a motion."""
-        request = lab_pb2.ResetWorldRequest(seed=seed)
+        request = lab_pb2.ResetWorldRequest(seed=seed, conditions=conditions_to_proto(conditions))
         return scene_from_proto(self._bus.call(methods.LAB_RESET_WORLD, request, timeout=self._timeout))
 
     def place(self, spec: ObjectSpec, xy: Sequence[float] | Array, yaw: float = 0.0) -> Scene:
@@ -159,6 +161,7 @@ def scene_to_proto(scene: Scene) -> lab_pb2.Scene:
         seed=scene.seed,
         profile=scene.profile,
         clock=scene.clock,
+        conditions=conditions_to_proto(scene.conditions),
     )
 
 
@@ -170,7 +173,24 @@ def scene_from_proto(message: lab_pb2.Scene) -> Scene:
         seed=message.seed,
         profile=message.profile,
         clock=cast(Clock, message.clock),
+        conditions=conditions_from_proto(message.conditions),
     )
+
+
+def conditions_to_proto(conditions: Conditions) -> lab_pb2.Conditions:
+    """Conditions as a message."""
+    return lab_pb2.Conditions(
+        opening=conditions.opening, joint_offsets=conditions.joint_offsets, head_bump=conditions.head_bump
+    )
+
+
+def conditions_from_proto(message: lab_pb2.Conditions) -> Conditions:
+    """Conditions from a message; `InvalidArgument` says what is wrong with them."""
+    try:
+        pan, tilt = message.head_bump
+        return Conditions(message.opening, tuple(message.joint_offsets), (pan, tilt))
+    except ValueError as error:
+        raise InvalidArgument(str(error), detail="conditions") from error
 
 
 def state_to_proto(state: WorldState) -> lab_pb2.WorldState:

@@ -86,7 +86,8 @@ class Mirror:
             if there.profile != self._profile.name:
                 raise Internal(f"the world is {there.profile} now, no longer {self._profile.name}: restart the cameras")
             state = self._lab.world(world_time)
-            camera_from_world = rig.camera_from_world(camera, pan, tilt)
+            bump = there.conditions.head_bump
+            camera_from_world = rig.camera_from_world(camera, pan + bump[0], tilt + bump[1])
             step = round(state.world_time / scene.STEP)
             shown = (there.seed, there.objects, step, camera_from_world.tobytes(), _poses(state))
             last = self._pictures.get(camera)

@@ -34,12 +34,15 @@ def generator(seed: int, purpose: Purpose) -> np.random.Generator:
     return np.random.default_rng([seed, int(purpose)])
 
 
-def draw(seed: int, purpose: Purpose, count: int) -> tuple[Place, ...]:
-    """`count` places, uniform over the workspace; the first n are the same for every `count` ≥ n."""
+def draw(seed: int, purpose: Purpose, count: int, size: float = WORKSPACE_SIZE) -> tuple[Place, ...]:
+    """`count` places, uniform over a square around the workspace's centre with edge `size`, in m.
+
+    The first n are the same for every `count` ≥ n.
+    """
     random = generator(seed, purpose)
-    low = WORKSPACE_CENTRE - WORKSPACE_SIZE / 2
+    low = WORKSPACE_CENTRE - size / 2
     places = []
     for _ in range(count):
-        x, y = low + WORKSPACE_SIZE * random.random(2)
+        x, y = low + size * random.random(2)
         places.append(Place(float(x), float(y), float(random.uniform(-math.pi, math.pi)), int(random.integers(2**31))))
     return tuple(places)

@@ -23,6 +23,8 @@ from handeye.simulation.profile import Profile
 
 CameraName = Literal["left", "right", "observer"]
 CAMERAS: tuple[CameraName, ...] = get_args(CameraName)
+MARGIN = 30.0
+"""What is in view is so many px from the pictures' borders."""
 
 Matrix = NDArray[np.float64]
 """Homogeneous transform, shape (4, 4)."""
@@ -145,6 +147,17 @@ def project(
     row = optics.principal_row + optics.focal_length * distorted[..., 1]
     column = optics.principal_column + optics.focal_length * distorted[..., 0]
     return np.stack([row, column], axis=-1)
+
+
+def in_view(place: ArrayLike, pan: float, tilt: float, margin: float = MARGIN) -> bool:
+    """Whether a point (3,), m, world frame, is in both pictures, `margin` px from their borders."""
+    camera = rig().camera
+    for name in CAMERAS[:2]:
+        row, column = project(place, name, pan, tilt, Profile.named("ideal"))
+        # Not true of nan: what lies behind a camera.
+        if not (margin < row < camera.height - margin and margin < column < camera.width - margin):
+            return False
+    return True
 
 
 def _observer_from_world() -> Matrix:

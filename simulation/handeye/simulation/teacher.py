@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from handeye.client import Client
 from handeye.robot_bridge.driver import Pace, Watch
 from handeye.robot_bridge.remote import RemoteRobot
-from handeye.rpc.errors import DeadlineExceeded, Unreachable
-from handeye.simulation import grasping, kinematics
+from handeye.rpc.errors import DeadlineExceeded, InvalidArgument, OutOfLimits, Unreachable
+from handeye.simulation import grasping, gripper, kinematics, rig
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import ObjectSpec
 from handeye.simulation.places import Place
@@ -66,9 +66,32 @@ class Scatter:
         return moved
 
 
+@dataclass(frozen=True, slots=True)
+class Clumsiness:
+    """How far off a teacher leads the hand to each posture that is to be learned: standard deviations along (m) and
+    about (rad) each of the tool's axes."""
+
+    position: float
+    angle: float
+
+    def off(self, pose: Array, random: np.random.Generator) -> Array:
+        """Where the hand comes, (4, 4), when it should come to `pose`."""
+        change = np.eye(4)
+        change[:3, :3] = _rotation(random.normal(0.0, self.angle, 3))
+        change[:3, 3] = random.normal(0.0, self.position, 3)
+        moved: Array = pose @ change
+        return moved
+
+
+STEADY = Clumsiness(0.0, 0.0)
+CLUMSY = Clumsiness(0.005, np.radians(2.0))
+
 AROUND_APPROACH = Scatter(count=10, x=0.03, y=0.03, backward=0.03, forward=0.03, angle=np.radians(3.0))
 AROUND_GRASP = Scatter(count=10, x=0.015, y=0.008, backward=0.04, forward=0.0, angle=np.radians(2.0))
 """Around the grasp the cup stands between the fingers: no motion may touch it."""
+
+_MOVED = 0.01
+"""An object that the hand moves further than this, in m, before it is grasped is in its way."""
 
 BACKGROUNDS = 2
 """Pictures of the empty table: they differ by their noise."""
@@ -81,7 +104,14 @@ class Teacher:
     """Shows one task with one object to a coordinator, on a robot whose control lease it holds meanwhile."""
 
     def __init__(
-        self, robot: RemoteRobot, lab: LabClient, client: Client, spec: ObjectSpec, task: str, watch: Watch
+        self,
+        robot: RemoteRobot,
+        lab: LabClient,
+        client: Client,
+        spec: ObjectSpec,
+        task: str,
+        watch: Watch,
+        clumsiness: Clumsiness = STEADY,
     ) -> None:
         """`watch` is called at every control step; what it raises brakes the arm and ends the teaching."""
         self._robot = robot
@@ -90,6 +120,7 @@ class Teacher:
         self._spec = spec
         self._task = task
         self._watch = watch
+        self._clumsiness = clumsiness
 
     def register_object(self, seed: int) -> None:
         """Shows the coordinator the empty table, then the object at a few places: it learns what it looks like."""
@@ -101,22 +132,62 @@ class Teacher:
                 self._lab.place(self._spec, (x, y), yaw=0.5 + 1.3 * number)
                 self._client.add_example(self._spec.name, self._fresh())
 
-    def demonstrate(self, place: Place, random: np.random.Generator, on_look: Callable[[], None]) -> None:
-        """One taught sequence with the object at `place`: approach, grasp, close, lift. `random` draws the motions."""
-        self._lab.reset(place.seed)
-        self._lab.place(self._spec, (place.x, place.y), place.yaw)
-        truth = self._lab.world().object(self._spec.name).pose.position
-        postures = grasping.solve_chain(truth[:2], height=float(truth[2]))
+    def demonstrate(self, place: Place, random: np.random.Generator, on_look: Callable[[], None]) -> bool:
+        """One taught sequence with the object at `place`: approach, grasp, close, lift. `random` draws the motions.
+
+        False when the object was not lifted: then the teacher says that it was a failure.
+        """
+        postures = self._set_out(place)
+        if self._clumsiness != STEADY:
+            postures = {
+                name: near(self._clumsiness.off(kinematics.forward(joints), random), joints)
+                for name, joints in postures.items()
+            }
         with self._robot.lease():
-            recorder = _Recorder(
-                self._client, self._client.begin_demonstration(self._task, self._spec.name).id, self._settle, on_look
-            )
+            demonstration = self._client.begin_demonstration(self._task, self._spec.name).id
+            recorder = _Recorder(self._client, demonstration, self._settle, on_look)
             self._subtask(recorder, "approach", postures["approach"], AROUND_APPROACH, random)
             self._subtask(recorder, "grasp", postures["grasp"], AROUND_GRASP, random)
             self._robot.close_gripper(self._watch)
             recorder.action("grasp", "close_gripper")
             self._subtask(recorder, "lift", postures["lift"], None, random)
             recorder.finish()
+        if not (lifted := self._lifted()):
+            self._client.label_demonstration(demonstration, "failure")
+        return lifted
+
+    def can_grasp(self, place: Place) -> bool:
+        """Whether the object can be grasped and lifted at `place`, seen by both cameras all the while; by trying it."""
+        try:
+            postures = self._set_out(place)
+        except (Unreachable, InvalidArgument):
+            return False
+        stands = self._lab.world().object(self._spec.name).pose.position
+        with self._robot.lease():
+            try:
+                for posture in postures.values():
+                    self._move(posture)
+                    world = self._lab.world()
+                    shown = (world.object(self._spec.name).pose.position, gripper.marker_place(world.tool.matrix()))
+                    if not all(rig.in_view(point, *rig.rig().head.home) for point in shown):
+                        return False
+                    if posture is postures["grasp"]:
+                        if np.linalg.norm(world.object(self._spec.name).pose.position - stands) > _MOVED:
+                            return False
+                        self._robot.close_gripper(self._watch)
+            except OutOfLimits:
+                return False
+        return self._lifted()
+
+    def _set_out(self, place: Place) -> dict[str, Array]:
+        """Puts the object at `place` in a new world; the postures of the subtasks' ends."""
+        self._lab.reset(place.seed)
+        self._lab.place(self._spec, (place.x, place.y), place.yaw)
+        truth = self._lab.world().object(self._spec.name).pose.position
+        return grasping.solve_chain(truth[:2], height=float(truth[2]))
+
+    def _lifted(self) -> bool:
+        return bool(self._lab.world().object(self._spec.name).pose.position[2] > grasping.LIFT_HEIGHT)
 
     def _subtask(
         self, recorder: _Recorder, name: str, goal: Array, scatter: Scatter | None, random: np.random.Generator

@@ -30,6 +30,9 @@ class What(StrEnum):
     CSS = "css"
     SCS = "scs"
     REACH = "reach"
+    GRASP = "grasp"
+    CLUMSY = "clumsy"
+    WIDE = "wide"
 
 
 def register(app: typer.Typer) -> None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from handeye.rpc.errors import Busy, Internal, InvalidArgument
 from handeye.simulation import gripper, placement, scene
 from handeye.simulation.clock import RealtimeClock
+from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.controllers import ArmController, GripperController
 from handeye.simulation.grasping import PARK
 from handeye.simulation.history import History, Row
@@ -43,6 +44,7 @@ class Scene:
     seed: int
     profile: str
     clock: Clock
+    conditions: Conditions
 
 
 class World:
@@ -74,7 +76,7 @@ class World:
         self._client: int = pybullet.connect(pybullet.DIRECT)
         if self._client < 0:
             raise Internal("PyBullet gives no physics client: too many are open in this process")
-        self._build(seed)
+        self._build(seed, ORDINARY)
         self._realtime = RealtimeClock(self.step, self._fail) if clock == "realtime" else None
 
     def __enter__(self) -> Self:
@@ -221,7 +223,9 @@ class World:
     def scene(self) -> Scene:
         """What stands in the world."""
         with self.lock:
-            return Scene(self._version, tuple(self._specs.values()), self._seed, self.profile.name, self.clock)
+            return Scene(
+                self._version, tuple(self._specs.values()), self._seed, self.profile.name, self.clock, self._conditions
+            )
 
     def state(self, world_time: float | None = None) -> WorldState:
         """The truth now, or at a past world time (to the nearest physics step).
@@ -242,12 +246,12 @@ class World:
 
     # Changes, for the lab bus
 
-    def reset(self, seed: int = 0) -> Scene:
+    def reset(self, seed: int = 0, conditions: Conditions = ORDINARY) -> Scene:
         """Rebuilds the world: arm parked, gripper open, no objects, world time 0. `Busy` during motion or advance."""
         with self.lock:
             self._require_open()
             self._require_idle()
-            self._build(seed)
+            self._build(seed, conditions)
             return self.scene()
 
     def place(self, spec: ObjectSpec, xy: Sequence[float] | Array, yaw: float = 0.0) -> Scene:
@@ -314,7 +318,7 @@ class World:
         self._specs[spec.name] = spec
         self._changed()
 
-    def _build(self, seed: int) -> None:
+    def _build(self, seed: int, conditions: Conditions) -> None:
         client = self._client
         pybullet.resetSimulation(physicsClientId=client)
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
@@ -327,10 +331,12 @@ class World:
             physicsClientId=client,
         )
         self._seed = seed
+        self._conditions = conditions
         self._stage = scene.build(client)
-        self._arm = ArmController(self._stage, self.profile, PARK, np.random.default_rng(seed))
-        self._gripper = GripperController(self._stage, self._grip_force)
-        self._stage.set_joints(self._arm.link, np.full(2, gripper.FINGER_TRAVEL))
+        offsets, travel = np.array(conditions.joint_offsets), conditions.opening / 2
+        self._arm = ArmController(self._stage, self.profile, PARK, offsets, np.random.default_rng(seed))
+        self._gripper = GripperController(self._stage, self._grip_force, travel)
+        self._stage.set_joints(self._arm.link, np.full(2, travel))
         self._specs: dict[str, ObjectSpec] = {}
         self._history = History()
         self._step = 0

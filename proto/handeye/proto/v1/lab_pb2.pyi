@@ -109,6 +109,7 @@ class Scene(_message.Message):
     SEED_FIELD_NUMBER: _builtins.int
     PROFILE_FIELD_NUMBER: _builtins.int
     CLOCK_FIELD_NUMBER: _builtins.int
+    CONDITIONS_FIELD_NUMBER: _builtins.int
     version: _builtins.int
     """Changes with every reset, with every object placed, held or removed."""
     seed: _builtins.int
@@ -121,6 +122,10 @@ class Scene(_message.Message):
     def objects(self) -> _containers.RepeatedCompositeFieldContainer[Global___ObjectSpec]:
         """The objects that stand in the world, in the order they were placed."""
 
+    @_builtins.property
+    def conditions(self) -> Global___Conditions:
+        """What is otherwise with the rig; a mirror shows it."""
+
     def __init__(
         self,
         *,
@@ -129,10 +134,11 @@ class Scene(_message.Message):
         seed: _builtins.int = ...,
         profile: _builtins.str = ...,
         clock: _builtins.str = ...,
+        conditions: Global___Conditions | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["conditions", b"conditions"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "objects", b"objects", "profile", b"profile", "seed", b"seed", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clock", b"clock", "conditions", b"conditions", "objects", b"objects", "profile", b"profile", "seed", b"seed", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -324,20 +330,60 @@ class ResetWorldRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
     SEED_FIELD_NUMBER: _builtins.int
+    CONDITIONS_FIELD_NUMBER: _builtins.int
     seed: _builtins.int
     """Seed of everything random in the world and its sensors."""
+    @_builtins.property
+    def conditions(self) -> Global___Conditions:
+        """What is otherwise with the rig than when it was taught; not set: nothing."""
+
     def __init__(
         self,
         *,
         seed: _builtins.int = ...,
+        conditions: Global___Conditions | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["conditions", b"conditions"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["seed", b"seed"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["conditions", b"conditions", "seed", b"seed"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___ResetWorldRequest: _TypeAlias = ResetWorldRequest  # noqa: Y015
+
+@_typing.final
+class Conditions(_message.Message):
+    """What is otherwise with the rig in one world."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OPENING_FIELD_NUMBER: _builtins.int
+    JOINT_OFFSETS_FIELD_NUMBER: _builtins.int
+    HEAD_BUMP_FIELD_NUMBER: _builtins.int
+    opening: _builtins.float
+    """How far the gripper opens in m."""
+    @_builtins.property
+    def joint_offsets(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """How much more each joint's encoder reads than the joint has turned, in rad."""
+
+    @_builtins.property
+    def head_bump(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """How far the head is turned beyond the (pan, tilt) that it reports, in rad."""
+
+    def __init__(
+        self,
+        *,
+        opening: _builtins.float = ...,
+        joint_offsets: _abc.Iterable[_builtins.float] | None = ...,
+        head_bump: _abc.Iterable[_builtins.float] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["head_bump", b"head_bump", "joint_offsets", b"joint_offsets", "opening", b"opening"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Conditions: _TypeAlias = Conditions  # noqa: Y015
 
 @_typing.final
 class PlaceObjectRequest(_message.Message):

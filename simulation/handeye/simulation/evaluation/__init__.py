@@ -4,9 +4,13 @@ The acting side has images and encoders. Truth, which the referee here has, only
 """
 
 from handeye.simulation.evaluation import reaching, saccade, stereo
+from handeye.simulation.evaluation.grasp import CLUMSY_TEACHER, GRASP, WIDE
 from handeye.simulation.evaluation.site import Evaluation
 
-EVALUATIONS: dict[str, Evaluation] = {each.EVALUATION.name: each.EVALUATION for each in (stereo, saccade, reaching)}
+EVALUATIONS: dict[str, Evaluation] = {
+    each.name: each
+    for each in (stereo.EVALUATION, saccade.EVALUATION, reaching.EVALUATION, GRASP, CLUMSY_TEACHER, WIDE)
+}
 """By name."""
 
 __all__ = ["EVALUATIONS"]

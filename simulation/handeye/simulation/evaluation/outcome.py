@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -52,15 +52,26 @@ def share(name: str, passed: Sequence[bool], least: float | None = None, thesis:
     return Figure(name, 100 * p, 100 * low, 100 * high, "%", n, target, met, thesis)
 
 
+def median(name: str, values: ArrayLike, unit: str, most: float | None = None, thesis: str = "") -> Figure:
+    """The median, with a bootstrapped interval; the target is at most `most`."""
+    return _bootstrapped(name, values, unit, most, thesis, np.median)
+
+
 def average(name: str, values: ArrayLike, unit: str, most: float | None = None, thesis: str = "") -> Figure:
     """The mean, with a bootstrapped interval; the target is at most `most`."""
+    return _bootstrapped(name, values, unit, most, thesis, np.mean)
+
+
+def _bootstrapped(
+    name: str, values: ArrayLike, unit: str, most: float | None, thesis: str, statistic: Callable[..., Any]
+) -> Figure:
     found = np.asarray(values, np.float64)
     picks = np.random.default_rng(0).integers(len(found), size=(_RESAMPLES, len(found)))
-    low, high = np.quantile(found[picks].mean(axis=1), (0.025, 0.975))
-    mean = float(found.mean())
+    low, high = np.quantile(statistic(found[picks], axis=1), (0.025, 0.975))
+    value = float(statistic(found))
     target = "" if most is None else f"≤ {most:g} {unit}"
-    met = None if most is None else mean <= most
-    return Figure(name, mean, float(low), float(high), unit, len(found), target, met, thesis)
+    met = None if most is None else value <= most
+    return Figure(name, value, float(low), float(high), unit, len(found), target, met, thesis)
 
 
 def _rounded(value: Any) -> Any:

@@ -19,8 +19,8 @@ from handeye.simulation import grasping, kinematics, rig
 from handeye.simulation.collecting import collect
 from handeye.simulation.evaluation.outcome import Figure, average, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
-from handeye.simulation.experimenter import FRESH, in_view
-from handeye.simulation.gripper import TOOL_FROM_MARKER
+from handeye.simulation.experimenter import FRESH
+from handeye.simulation.gripper import marker_place
 from handeye.simulation.report import Picture
 
 LOWER, UPPER = np.array([0.35, -0.25, 0.05]), np.array([0.85, 0.25, 0.35])
@@ -54,14 +54,15 @@ def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[
     goal, start = _posture(random), _posture(random)
     if goal is None or start is None:
         return None
-    place = marker(kinematics.forward(goal))
+    place = marker_place(kinematics.forward(goal))
     pan, tilt = _towards(place, random)
     site.lab.reset(int(random.integers(2**31)))
     try:
         with site.client.control("referee") as control:
             control.move_to_joints(start)
             head = control.turn_head(pan, tilt)
-            if not (in_view(place, head) and in_view(marker(site.lab.world().tool.matrix()), head)):
+            shown = place, marker_place(site.lab.world().tool.matrix())
+            if not all(rig.in_view(point, head.pan, head.tilt) for point in shown):
                 return None
             site.experimenter.hang_ball(place)
             hung = control.state().world_time
@@ -141,15 +142,9 @@ def _posture(random: np.random.Generator) -> Array | None:
         return None
 
 
-def marker(world_from_tool: Array) -> Array:
-    """Where the middle of the hand's marker is, (3,) in m, world frame."""
-    place: Array = (world_from_tool @ TOOL_FROM_MARKER)[:3, 3]
-    return place
-
-
 def _miss(site: Site, place: Array) -> float:
     """How far the marker is from `place`, in mm."""
-    return float(1e3 * np.linalg.norm(marker(site.lab.world().tool.matrix()) - place))
+    return float(1e3 * np.linalg.norm(marker_place(site.lab.world().tool.matrix()) - place))
 
 
 def _camera(pan: float, tilt: float) -> Array:

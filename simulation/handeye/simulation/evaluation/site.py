@@ -15,13 +15,14 @@ from rich.console import Console
 from handeye.cli.progress import counted
 from handeye.cli.up import Clock, Stack
 from handeye.client import Client, HandeyeError
+from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc import Bus
 from handeye.rpc.errors import RpcError
 from handeye.simulation.evaluation.outcome import Figure, Outcome
 from handeye.simulation.experimenter import Experimenter
 from handeye.simulation.lab import LabClient
 from handeye.simulation.report import Picture
-from handeye.simulation.teaching import lab_settings
+from handeye.simulation.teaching import acting_settings, lab_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +30,13 @@ class Site:
     """A running stack and all who work at it."""
 
     client: Client
+    robot: RemoteRobot
+    """For the teacher, who leads the arm by hand."""
     lab: LabClient
     experimenter: Experimenter
     console: Console
+    check: Callable[[], None]
+    """`ProcessDied` when a process of the stack has ended."""
 
     def progress(self, title: str, total: int) -> AbstractContextManager[Callable[[], None]]:
         """A bar; what is given is called for each step done."""
@@ -82,10 +87,11 @@ def _measured(
         stack = opened.enter_context(Stack(state_dir, clock=clock, console=console))
         client = opened.enter_context(Client(stack.url, stack.token))
         lab = LabClient(opened.enter_context(Bus.open(lab_settings(stack.lab), name="evaluation")))
+        bus = opened.enter_context(Bus.open(acting_settings(stack.acting), name="teacher"))
+        robot = RemoteRobot(bus, holder="teacher")
+        site = Site(client, robot, lab, Experimenter(lab, client, seed), console, stack.check)
         try:
-            return evaluation.measure(
-                Site(client, lab, Experimenter(lab, client, seed), console), seed, trials, pictures
-            )
+            return evaluation.measure(site, seed, trials, pictures)
         except (HandeyeError, RpcError):
             stack.check()  # says which process died rather than what that did to a call
             raise
