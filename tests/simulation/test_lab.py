@@ -80,7 +80,7 @@ def test_conditions_stand_until_the_next_reset(world: World, lab: LabClient) -> 
     [{"opening": 0.2}, {"joint_offsets": (0.0,)}, {"joint_offsets": (np.nan,) * 6}, {"head_bump": (1.0, 0.0)}],
 )
 def test_conditions_that_cannot_be_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="opening|offsets"):
+    with pytest.raises(ValueError, match=r"opening|offsets"):
         Conditions(**wrong)
     message = conditions_to_proto(ORDINARY)
     message.opening = 0.2

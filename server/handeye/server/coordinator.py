@@ -172,15 +172,21 @@ class Coordinator:
         """What a module learned, by category."""
         return module_statistics(module, self.modules.live(module))
 
-    def run(self, task: str, object_name: str, *, one_look: bool) -> Job:
-        """Starts a job that does a trained task; `Busy` while another job or a person controls the robot."""
+    def run(self, task: str, object_name: str, *, one_look: bool, least_support: float | None = None) -> Job:
+        """Starts a job that does a trained task; `Busy` while another job or a person controls the robot.
+
+        `least_support` stands for the setting of that name.
+        """
         skill = self.tasks.get(task)
         self.tasks.module(skill)
         self.objects.require(object_name)
+        settings = self.settings.acting
+        if least_support is not None:
+            settings = settings.model_copy(update={"least_support": least_support})
 
         def work(job: Job, robot: ActingRobot, looker: Looker) -> None:
             keep = self.acting.picture_keeper(job)
-            run = Run(skill, object_name, robot, looker, self.eyes, self.settings.acting, job, keep, one_look=one_look)
+            run = Run(skill, object_name, robot, looker, self.eyes, settings, job, keep, one_look=one_look)
             run.execute()
 
         return self.acting.start("run", task, object_name, work)

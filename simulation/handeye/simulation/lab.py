@@ -180,15 +180,19 @@ def scene_from_proto(message: lab_pb2.Scene) -> Scene:
 def conditions_to_proto(conditions: Conditions) -> lab_pb2.Conditions:
     """Conditions as a message."""
     return lab_pb2.Conditions(
-        opening=conditions.opening, joint_offsets=conditions.joint_offsets, head_bump=conditions.head_bump
+        opening=conditions.opening,
+        joint_offsets=conditions.joint_offsets,
+        head_bump=conditions.head_bump,
+        push=conditions.push,
+        slip=conditions.slip,
     )
 
 
 def conditions_from_proto(message: lab_pb2.Conditions) -> Conditions:
     """Conditions from a message; `InvalidArgument` says what is wrong with them."""
     try:
-        pan, tilt = message.head_bump
-        return Conditions(message.opening, tuple(message.joint_offsets), (pan, tilt))
+        (pan, tilt), (x, y) = message.head_bump, message.push
+        return Conditions(message.opening, tuple(message.joint_offsets), (pan, tilt), (x, y), message.slip)
     except ValueError as error:
         raise InvalidArgument(str(error), detail="conditions") from error
 

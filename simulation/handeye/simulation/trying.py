@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from handeye.cli import CliError
 from handeye.client import Client, TimedOut
-from handeye.client.models import Job, JobEvent, OnEvent
+from handeye.client.models import Job
 from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import ObjectSpec
@@ -30,10 +30,6 @@ class Judged:
     track: Track
 
 
-def _ignore(_event: JobEvent) -> None:
-    """Nothing is done about what happens."""
-
-
 class Trials:
     """Tries a trained task with an object at one place after the other."""
 
@@ -51,10 +47,11 @@ class Trials:
         place: Place,
         *,
         one_look: bool = False,
+        least_support: float | None = None,
         conditions: Conditions = ORDINARY,
-        on_event: OnEvent = _ignore,
+        before: Callable[[Place], None] | None = None,
     ) -> Judged:
-        """One trial. `on_event` hears of what the job does while it does it.
+        """One trial. `least_support` stands for the server's setting; `before` the task begins it may do something.
 
         A job that failed by itself has stopped the arm and is a failed trial. A process that died, and a stop by
         somebody else, end all.
@@ -62,8 +59,10 @@ class Trials:
         self._check()
         self._lab.reset(place.seed, conditions)
         self._lab.place(self._spec, (place.x, place.y), place.yaw)
+        if before is not None:
+            before(place)
         placed = self._lab.world().world_time
-        job = self._run(one_look, on_event)
+        job = self._run(one_look, least_support)
         track = Track.of(self._lab.history(placed, every=SAMPLING), self._spec.name)
         ended = {part.name: part.ended for part in job.result.subtasks if part.ended is not None}
         result = score(track, CupSize(self._spec.radius, self._spec.height), ended)
@@ -79,11 +78,11 @@ class Trials:
         )
         return Judged(trial, job, track)
 
-    def _run(self, one_look: bool, on_event: OnEvent) -> Job:
+    def _run(self, one_look: bool, least_support: float | None) -> Job:
         """The task as a job that has ended, the robot free to move again."""
-        started = self._client.start_run(self._task, self._spec.name, one_look=one_look)
+        started = self._client.start_run(self._task, self._spec.name, one_look=one_look, least_support=least_support)
         try:
-            job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT, on_event=on_event)
+            job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT)
         except TimedOut:
             self._client.cancel_job(started.id)
             job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT)

@@ -33,6 +33,8 @@ class What(StrEnum):
     GRASP = "grasp"
     CLUMSY = "clumsy"
     WIDE = "wide"
+    RESILIENCE = "resilience"
+    SUPPORT = "support"
 
 
 def register(app: typer.Typer) -> None:

@@ -15,12 +15,13 @@ import pybullet
 from numpy.typing import NDArray
 
 from handeye.rpc.errors import Busy, Internal, InvalidArgument
-from handeye.simulation import gripper, placement, scene
+from handeye.simulation import gripper, kinematics, placement, scene
 from handeye.simulation.clock import RealtimeClock
 from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.controllers import ArmController, GripperController
 from handeye.simulation.grasping import PARK
 from handeye.simulation.history import History, Row
+from handeye.simulation.mishaps import Mishaps
 from handeye.simulation.motion import JointMotion
 from handeye.simulation.objects import ObjectSpec
 from handeye.simulation.pose import Pose
@@ -113,6 +114,9 @@ class World:
         """Lets one physics step of world time pass."""
         with self.lock:
             self._require_open()
+            if self._mishaps is not None:
+                tool = kinematics.forward(self._joints)[:3, 3]
+                self._mishaps.before_step(tool, moving=self._stillness.busy)
             self._arm.drive()
             self._gripper.drive()
             pybullet.stepSimulation(physicsClientId=self._client)
@@ -337,6 +341,7 @@ class World:
         self._arm = ArmController(self._stage, self.profile, PARK, offsets, np.random.default_rng(seed))
         self._gripper = GripperController(self._stage, self._grip_force, travel)
         self._stage.set_joints(self._arm.link, np.full(2, travel))
+        self._mishaps = Mishaps(self._stage, conditions) if conditions != ORDINARY else None
         self._specs: dict[str, ObjectSpec] = {}
         self._history = History()
         self._step = 0

@@ -144,9 +144,11 @@ class AsyncTeachingCalls(AsyncJobCalls):
         body = {"pairs": pairs, "approximator": settings}
         return await self._post_once(TrainJob, f"/v1/tasks/{part(task)}/train", body)
 
-    async def start_run(self, task: str, object_name: str, *, one_look: bool = False) -> RunJob:
-        """Starts a trained task and returns at once."""
-        body = {"object": object_name, "one_look": one_look}
+    async def start_run(
+        self, task: str, object_name: str, *, one_look: bool = False, least_support: float | None = None
+    ) -> RunJob:
+        """As `run_task`, and returns at once."""
+        body = {"object": object_name, "one_look": one_look, "least_support": least_support}
         return await self._post_once(RunJob, f"/v1/tasks/{part(task)}/runs", body)
 
     async def run_task(
@@ -155,14 +157,18 @@ class AsyncTeachingCalls(AsyncJobCalls):
         object_name: str,
         *,
         one_look: bool = False,
+        least_support: float | None = None,
         timeout: float = 300.0,
         on_event: OnEvent = ignore,
     ) -> RunJob:
         """Does a trained task and returns the ended job, failed ones too: see `Job.raise_for_failure`.
 
+        The arm holds rather than being moved by an answer with less than `least_support` (0..1; None: as the server is
+        set).
+
         When the wait ends early (deadline, Ctrl-C, an error from `on_event`), the job is cancelled and the arm stops.
         """
-        job = await self.start_run(task, object_name, one_look=one_look)
+        job = await self.start_run(task, object_name, one_look=one_look, least_support=least_support)
         return await self._see_through(job, timeout, on_event)
 
 

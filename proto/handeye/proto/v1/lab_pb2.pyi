@@ -360,8 +360,12 @@ class Conditions(_message.Message):
     OPENING_FIELD_NUMBER: _builtins.int
     JOINT_OFFSETS_FIELD_NUMBER: _builtins.int
     HEAD_BUMP_FIELD_NUMBER: _builtins.int
+    PUSH_FIELD_NUMBER: _builtins.int
+    SLIP_FIELD_NUMBER: _builtins.int
     opening: _builtins.float
     """How far the gripper opens in m."""
+    slip: _builtins.float
+    """For how long the fingers have no grip, in s, once they have raised an object a little."""
     @_builtins.property
     def joint_offsets(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """How much more each joint's encoder reads than the joint has turned, in rad."""
@@ -370,16 +374,22 @@ class Conditions(_message.Message):
     def head_bump(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """How far the head is turned beyond the (pan, tilt) that it reports, in rad."""
 
+    @_builtins.property
+    def push(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """How far an object is pushed, along (x, y) of the world frame in m, once the arm rests before it."""
+
     def __init__(
         self,
         *,
         opening: _builtins.float = ...,
         joint_offsets: _abc.Iterable[_builtins.float] | None = ...,
         head_bump: _abc.Iterable[_builtins.float] | None = ...,
+        push: _abc.Iterable[_builtins.float] | None = ...,
+        slip: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["head_bump", b"head_bump", "joint_offsets", b"joint_offsets", "opening", b"opening"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["head_bump", b"head_bump", "joint_offsets", b"joint_offsets", "opening", b"opening", "push", b"push", "slip", b"slip"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

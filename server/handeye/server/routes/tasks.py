@@ -46,7 +46,12 @@ def train_task(task: Name, coordinator: CoordinatorDep, once: OnceDep, request: 
 @router.post("/{task}/runs", status_code=202, response_model=JobView, responses=responses(404, 409))
 def run_task(task: Name, request: RunRequest, coordinator: CoordinatorDep, once: OnceDep) -> Response:
     """Starts a job that does the task; follow it at Location."""
-    return once.reply(lambda: _accepted(coordinator.run(task, request.object, one_look=request.one_look)), 202)
+
+    def run() -> tuple[JobView, str]:
+        started = coordinator.run(task, request.object, one_look=request.one_look, least_support=request.least_support)
+        return _accepted(started)
+
+    return once.reply(run, 202)
 
 
 def _accepted(job: Job) -> tuple[JobView, str]:

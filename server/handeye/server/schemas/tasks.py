@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import StrictBool
+from pydantic import Field, StrictBool
 
 from handeye.server.results import JobView
 from handeye.server.schemas.base import Body, Name
@@ -30,6 +30,9 @@ class RunRequest(Body):
     object: Name
     one_look: StrictBool = False
     """One answer per subtask without looking again, as the thesis does."""
+    least_support: float | None = Field(default=None, ge=0.0, le=1.0, strict=True)
+    """The arm is not moved by an answer with less support; null: as the server is set. 0 never holds, so somebody
+    should stand by the stop."""
 
 
 class JobPage(Body):

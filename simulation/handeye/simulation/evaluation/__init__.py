@@ -3,13 +3,22 @@
 The acting side has images and encoders. Truth, which the referee here has, only judges.
 """
 
-from handeye.simulation.evaluation import reaching, saccade, stereo
+from handeye.simulation.evaluation import foretelling, reaching, resilience, saccade, stereo
 from handeye.simulation.evaluation.grasp import CLUMSY_TEACHER, GRASP, WIDE
 from handeye.simulation.evaluation.site import Evaluation
 
 EVALUATIONS: dict[str, Evaluation] = {
     each.name: each
-    for each in (stereo.EVALUATION, saccade.EVALUATION, reaching.EVALUATION, GRASP, CLUMSY_TEACHER, WIDE)
+    for each in (
+        stereo.EVALUATION,
+        saccade.EVALUATION,
+        reaching.EVALUATION,
+        GRASP,
+        CLUMSY_TEACHER,
+        WIDE,
+        resilience.EVALUATION,
+        foretelling.EVALUATION,
+    )
 }
 """By name."""
 

@@ -41,15 +41,25 @@ class Figure:
         return f"{self.value:.3g} {self.unit} ({self.low:.3g} – {self.high:.3g})"
 
 
-def share(name: str, passed: Sequence[bool], least: float | None = None, thesis: str = "") -> Figure:
-    """How many of the trials passed, in %, with Wilson's interval (1927); the target is `least` %."""
+def share(
+    name: str, passed: Sequence[bool], least: float | None = None, thesis: str = "", *, most: float | None = None
+) -> Figure:
+    """How many of the trials passed, in %, with Wilson's interval (1927); the target is `least` %, or `most` %."""
     n, k = len(passed), sum(passed)
     p = k / n
     middle, half = (p + _Z**2 / (2 * n)), _Z * math.sqrt(p * (1 - p) / n + _Z**2 / (4 * n**2))
     low, high = ((middle + sign * half) / (1 + _Z**2 / n) for sign in (-1, 1))
-    target = "" if least is None else f"≥ {least:g} %"
-    met = None if least is None else 100 * p >= least
+    target, met = "", None
+    if least is not None:
+        target, met = f"≥ {least:g} %", 100 * p >= least
+    elif most is not None:
+        target, met = f"≤ {most:g} %", 100 * p <= most
     return Figure(name, 100 * p, 100 * low, 100 * high, "%", n, target, met, thesis)
+
+
+def count(name: str, value: int, trials: int, most: int) -> Figure:
+    """How often something happened in so many trials; the target is at `most` so often."""
+    return Figure(name, value, value, value, "", trials, f"≤ {most}" if most else "none", value <= most)
 
 
 def median(name: str, values: ArrayLike, unit: str, most: float | None = None, thesis: str = "") -> Figure:
