@@ -24,7 +24,7 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1ahandeye/proto/v1/lab.proto\x12\x10handeye.proto.v1\"-\n\x04Pose\x12\x10\n\x08position\x18\x01 \x03(\x01\x12\x13\n\x0borientation\x18\x02 \x03(\x01\"t\n\nObjectSpec\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05shape\x18\x02 \x01(\t\x12\x0e\n\x06radius\x18\x03 \x01(\x01\x12\x0e\n\x06height\x18\x04 \x01(\x01\x12\x0c\n\x04wall\x18\x05 \x01(\x01\x12\x0c\n\x04mass\x18\x06 \x01(\x01\x12\r\n\x05\x63olor\x18\x07 \x03(\x01\"u\n\x05Scene\x12\x0f\n\x07version\x18\x01 \x01(\x04\x12-\n\x07objects\x18\x02 \x03(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12\x0c\n\x04seed\x18\x03 \x01(\x04\x12\x0f\n\x07profile\x18\x04 \x01(\t\x12\r\n\x05\x63lock\x18\x05 \x01(\t\"t\n\nObjectPose\x12\x0c\n\x04name\x18\x01 \x01(\t\x12$\n\x04pose\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\x12\x18\n\x10touches_finger_1\x18\x03 \x01(\x08\x12\x18\n\x10touches_finger_2\x18\x04 \x01(\x08\"\xad\x01\n\nWorldState\x12\x12\n\nworld_time\x18\x01 \x01(\x01\x12\x15\n\rscene_version\x18\x02 \x01(\x04\x12\x0e\n\x06joints\x18\x03 \x03(\x01\x12\x0f\n\x07\x66ingers\x18\x04 \x03(\x01\x12$\n\x04tool\x18\x05 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\x12-\n\x07objects\x18\x06 \x03(\x0b\x32\x1c.handeye.proto.v1.ObjectPose\"\x16\n\x14\x44\x65scribeSceneRequest\"%\n\x0fGetWorldRequest\x12\x12\n\nworld_time\x18\x01 \x01(\x01\">\n\x11GetHistoryRequest\x12\r\n\x05start\x18\x01 \x01(\x01\x12\x0b\n\x03\x65nd\x18\x02 \x01(\x01\x12\r\n\x05\x65very\x18\x03 \x01(\x01\"<\n\x0cWorldHistory\x12,\n\x06states\x18\x01 \x03(\x0b\x32\x1c.handeye.proto.v1.WorldState\"!\n\x11ResetWorldRequest\x12\x0c\n\x04seed\x18\x01 \x01(\x04\"a\n\x12PlaceObjectRequest\x12,\n\x06object\x18\x01 \x01(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12\x10\n\x08position\x18\x02 \x03(\x01\x12\x0b\n\x03yaw\x18\x03 \x01(\x01\"g\n\x11HoldObjectRequest\x12,\n\x06object\x18\x01 \x01(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12$\n\x04pose\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\"#\n\x13RemoveObjectRequest\x12\x0c\n\x04name\x18\x01 \x01(\t2\xad\x04\n\x03Lab\x12P\n\rDescribeScene\x12&.handeye.proto.v1.DescribeSceneRequest\x1a\x17.handeye.proto.v1.Scene\x12K\n\x08GetWorld\x12!.handeye.proto.v1.GetWorldRequest\x1a\x1c.handeye.proto.v1.WorldState\x12Q\n\nGetHistory\x12#.handeye.proto.v1.GetHistoryRequest\x1a\x1e.handeye.proto.v1.WorldHistory\x12J\n\nResetWorld\x12#.handeye.proto.v1.ResetWorldRequest\x1a\x17.handeye.proto.v1.Scene\x12L\n\x0bPlaceObject\x12$.handeye.proto.v1.PlaceObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12J\n\nHoldObject\x12#.handeye.proto.v1.HoldObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12N\n\x0cRemoveObject\x12%.handeye.proto.v1.RemoveObjectRequest\x1a\x17.handeye.proto.v1.Sceneb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1ahandeye/proto/v1/lab.proto\x12\x10handeye.proto.v1\"-\n\x04Pose\x12\x10\n\x08position\x18\x01 \x03(\x01\x12\x13\n\x0borientation\x18\x02 \x03(\x01\"t\n\nObjectSpec\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05shape\x18\x02 \x01(\t\x12\x0e\n\x06radius\x18\x03 \x01(\x01\x12\x0e\n\x06height\x18\x04 \x01(\x01\x12\x0c\n\x04wall\x18\x05 \x01(\x01\x12\x0c\n\x04mass\x18\x06 \x01(\x01\x12\r\n\x05\x63olor\x18\x07 \x03(\x01\"u\n\x05Scene\x12\x0f\n\x07version\x18\x01 \x01(\x04\x12-\n\x07objects\x18\x02 \x03(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12\x0c\n\x04seed\x18\x03 \x01(\x04\x12\x0f\n\x07profile\x18\x04 \x01(\t\x12\r\n\x05\x63lock\x18\x05 \x01(\t\"t\n\nObjectPose\x12\x0c\n\x04name\x18\x01 \x01(\t\x12$\n\x04pose\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\x12\x18\n\x10touches_finger_1\x18\x03 \x01(\x08\x12\x18\n\x10touches_finger_2\x18\x04 \x01(\x08\"\xbd\x01\n\nWorldState\x12\x12\n\nworld_time\x18\x01 \x01(\x01\x12\x15\n\rscene_version\x18\x02 \x01(\x04\x12\x0e\n\x06joints\x18\x03 \x03(\x01\x12\x0f\n\x07\x66ingers\x18\x04 \x03(\x01\x12$\n\x04tool\x18\x05 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\x12-\n\x07objects\x18\x06 \x03(\x0b\x32\x1c.handeye.proto.v1.ObjectPose\x12\x0e\n\x06liquid\x18\x07 \x03(\x01\"\x16\n\x14\x44\x65scribeSceneRequest\"%\n\x0fGetWorldRequest\x12\x12\n\nworld_time\x18\x01 \x01(\x01\">\n\x11GetHistoryRequest\x12\r\n\x05start\x18\x01 \x01(\x01\x12\x0b\n\x03\x65nd\x18\x02 \x01(\x01\x12\r\n\x05\x65very\x18\x03 \x01(\x01\"<\n\x0cWorldHistory\x12,\n\x06states\x18\x01 \x03(\x0b\x32\x1c.handeye.proto.v1.WorldState\"!\n\x11ResetWorldRequest\x12\x0c\n\x04seed\x18\x01 \x01(\x04\"a\n\x12PlaceObjectRequest\x12,\n\x06object\x18\x01 \x01(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12\x10\n\x08position\x18\x02 \x03(\x01\x12\x0b\n\x03yaw\x18\x03 \x01(\x01\"g\n\x11HoldObjectRequest\x12,\n\x06object\x18\x01 \x01(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12$\n\x04pose\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\"4\n\x11\x46illObjectRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x11\n\tparticles\x18\x02 \x01(\r\"#\n\x13RemoveObjectRequest\x12\x0c\n\x04name\x18\x01 \x01(\t2\xf9\x04\n\x03Lab\x12P\n\rDescribeScene\x12&.handeye.proto.v1.DescribeSceneRequest\x1a\x17.handeye.proto.v1.Scene\x12K\n\x08GetWorld\x12!.handeye.proto.v1.GetWorldRequest\x1a\x1c.handeye.proto.v1.WorldState\x12Q\n\nGetHistory\x12#.handeye.proto.v1.GetHistoryRequest\x1a\x1e.handeye.proto.v1.WorldHistory\x12J\n\nResetWorld\x12#.handeye.proto.v1.ResetWorldRequest\x1a\x17.handeye.proto.v1.Scene\x12L\n\x0bPlaceObject\x12$.handeye.proto.v1.PlaceObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12J\n\nHoldObject\x12#.handeye.proto.v1.HoldObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12J\n\nFillObject\x12#.handeye.proto.v1.FillObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12N\n\x0cRemoveObject\x12%.handeye.proto.v1.RemoveObjectRequest\x1a\x17.handeye.proto.v1.Sceneb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -40,23 +40,25 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_OBJECTPOSE']._serialized_start=332
   _globals['_OBJECTPOSE']._serialized_end=448
   _globals['_WORLDSTATE']._serialized_start=451
-  _globals['_WORLDSTATE']._serialized_end=624
-  _globals['_DESCRIBESCENEREQUEST']._serialized_start=626
-  _globals['_DESCRIBESCENEREQUEST']._serialized_end=648
-  _globals['_GETWORLDREQUEST']._serialized_start=650
-  _globals['_GETWORLDREQUEST']._serialized_end=687
-  _globals['_GETHISTORYREQUEST']._serialized_start=689
-  _globals['_GETHISTORYREQUEST']._serialized_end=751
-  _globals['_WORLDHISTORY']._serialized_start=753
-  _globals['_WORLDHISTORY']._serialized_end=813
-  _globals['_RESETWORLDREQUEST']._serialized_start=815
-  _globals['_RESETWORLDREQUEST']._serialized_end=848
-  _globals['_PLACEOBJECTREQUEST']._serialized_start=850
-  _globals['_PLACEOBJECTREQUEST']._serialized_end=947
-  _globals['_HOLDOBJECTREQUEST']._serialized_start=949
-  _globals['_HOLDOBJECTREQUEST']._serialized_end=1052
-  _globals['_REMOVEOBJECTREQUEST']._serialized_start=1054
-  _globals['_REMOVEOBJECTREQUEST']._serialized_end=1089
-  _globals['_LAB']._serialized_start=1092
-  _globals['_LAB']._serialized_end=1649
+  _globals['_WORLDSTATE']._serialized_end=640
+  _globals['_DESCRIBESCENEREQUEST']._serialized_start=642
+  _globals['_DESCRIBESCENEREQUEST']._serialized_end=664
+  _globals['_GETWORLDREQUEST']._serialized_start=666
+  _globals['_GETWORLDREQUEST']._serialized_end=703
+  _globals['_GETHISTORYREQUEST']._serialized_start=705
+  _globals['_GETHISTORYREQUEST']._serialized_end=767
+  _globals['_WORLDHISTORY']._serialized_start=769
+  _globals['_WORLDHISTORY']._serialized_end=829
+  _globals['_RESETWORLDREQUEST']._serialized_start=831
+  _globals['_RESETWORLDREQUEST']._serialized_end=864
+  _globals['_PLACEOBJECTREQUEST']._serialized_start=866
+  _globals['_PLACEOBJECTREQUEST']._serialized_end=963
+  _globals['_HOLDOBJECTREQUEST']._serialized_start=965
+  _globals['_HOLDOBJECTREQUEST']._serialized_end=1068
+  _globals['_FILLOBJECTREQUEST']._serialized_start=1070
+  _globals['_FILLOBJECTREQUEST']._serialized_end=1122
+  _globals['_REMOVEOBJECTREQUEST']._serialized_start=1124
+  _globals['_REMOVEOBJECTREQUEST']._serialized_end=1159
+  _globals['_LAB']._serialized_start=1162
+  _globals['_LAB']._serialized_end=1795
 # @@protoc_insertion_point(module_scope)
