@@ -101,7 +101,5 @@ def apply(client: int, bodies: Sequence[int], where: Array) -> None:
 def inside(where: Array, spec: ObjectSpec, pose: Pose) -> NDArray[np.bool_]:
     """Which of the particles at (n, 3) are within an object that holds liquid, (n,): between bottom and rim."""
     own = (where - pose.position) @ pose.matrix()[:3, :3]
-    within: NDArray[np.bool_] = (np.hypot(own[:, 0], own[:, 1]) < spec.radius) & (
-        np.abs(own[:, 2]) <= spec.height / 2
-    )
+    within: NDArray[np.bool_] = (np.hypot(own[:, 0], own[:, 1]) < spec.radius) & (np.abs(own[:, 2]) <= spec.height / 2)
     return within

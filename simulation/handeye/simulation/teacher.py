@@ -1,14 +1,13 @@
 """The teacher: plays the person with the teach pendant, in a process of its own.
 
-It may use truth (where the cup stands) and inverse kinematics, because a person sees the cup and leads the arm by
+It may use truth (where things stand) and inverse kinematics, because a person sees the cup and leads the arm by
 hand. The coordinator gets from it only "look now", what the gripper does, and where demonstrations begin and end:
 images and joint readings it takes itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -18,9 +17,9 @@ from handeye.client import Client
 from handeye.robot_bridge.driver import Pace, Watch
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc.errors import DeadlineExceeded, Unreachable
-from handeye.simulation import grasping, kinematics
+from handeye.simulation import kinematics
 from handeye.simulation.lab import LabClient
-from handeye.simulation.objects import ObjectSpec
+from handeye.simulation.lessons import Lesson, Move
 from handeye.simulation.places import Place
 from handeye.simulation.scene import WORKSPACE_CENTRE, WORKSPACE_SIZE
 
@@ -35,106 +34,79 @@ REST_LIMIT = 2.0
 PACE = Pace(0.6, 0.6)
 
 
-@dataclass(frozen=True, slots=True)
-class Scatter:
-    """How small motions around a posture are drawn: ± m along the tool's axes x, y, z, and ± rad about each of them.
-
-    `forward` and `backward` bound z, the approach direction, apart. Half of the motions are drawn from the whole
-    range, the other half from ever smaller shares of it: the last looks before a goal are the closest ones.
-    """
-
-    count: int
-    x: float
-    y: float
-    backward: float
-    forward: float
-    angle: float
-
-    def draw(self, pose: Array, random: np.random.Generator) -> list[Array]:
-        """`count` poses (4, 4) around `pose`, world_from_tool."""
-        return [
-            self._one(pose, random, 1.0 if number % 2 == 0 else 0.5 ** random.uniform(1, 4))
-            for number in range(self.count)
-        ]
-
-    def _one(self, pose: Array, random: np.random.Generator, share: float) -> Array:
-        offset = random.uniform([-self.x, -self.y, -self.backward], [self.x, self.y, self.forward]) * share
-        change = np.eye(4)
-        change[:3, :3] = _rotation(random.uniform(-self.angle, self.angle, 3) * share)
-        change[:3, 3] = offset
-        moved: Array = pose @ change
-        return moved
-
-
-AROUND_APPROACH = Scatter(count=10, x=0.03, y=0.03, backward=0.03, forward=0.03, angle=np.radians(3.0))
-AROUND_GRASP = Scatter(count=10, x=0.015, y=0.008, backward=0.04, forward=0.0, angle=np.radians(2.0))
-"""Around the grasp the cup stands between the fingers: no motion may touch it."""
-
 BACKGROUNDS = 2
 """Pictures of the empty table: they differ by their noise."""
 
-WAY_POINTS = {"approach": 4, "grasp": 2, "lift": 2}
-"""Subtask → looks on the way between its first and its last posture."""
+WAY_PACE = Pace(0.2, 0.5)
+"""Of a way that nobody looks at: liquid is poured."""
 
 
 class Teacher:
-    """Shows one task with one object to a coordinator, on a robot whose control lease it holds meanwhile."""
+    """Shows a lesson to a coordinator, on a robot whose control lease it holds meanwhile."""
 
     def __init__(
-        self, robot: RemoteRobot, lab: LabClient, client: Client, spec: ObjectSpec, task: str, watch: Watch
+        self, robot: RemoteRobot, lab: LabClient, client: Client, lesson: Lesson, task: str, watch: Watch
     ) -> None:
-        """`watch` is called at every control step; what it raises brakes the arm and ends the teaching."""
+        """`task`: what the coordinator calls it; `watch` is called at every control step, raising ends the teaching."""
         self._robot = robot
         self._lab = lab
         self._client = client
-        self._spec = spec
+        self._lesson = lesson
         self._task = task
         self._watch = watch
 
-    def register_object(self, seed: int) -> None:
-        """Shows the coordinator the empty table, then the object at a few places: it learns what it looks like."""
-        self._lab.reset(seed)
-        with self._robot.lease():
-            for _ in range(BACKGROUNDS):
-                self._client.add_background(self._spec.name, self._fresh())
-            for number, (x, y) in enumerate(_registration_places()):
-                self._lab.place(self._spec, (x, y), yaw=0.5 + 1.3 * number)
-                self._client.add_example(self._spec.name, self._fresh())
+    def register_objects(self, seed: int) -> None:
+        """Shows the coordinator the empty table, then each object at a few places: it learns what they look like."""
+        for spec in self._lesson.objects:
+            self._lab.reset(seed)
+            with self._robot.lease():
+                for _ in range(BACKGROUNDS):
+                    self._client.add_background(spec.name, self._fresh())
+                for number, (x, y) in enumerate(_registration_places()):
+                    self._lab.place(spec, (x, y), yaw=0.5 + 1.3 * number)
+                    self._client.add_example(spec.name, self._fresh())
 
-    def demonstrate(self, place: Place, random: np.random.Generator, on_look: Callable[[], None]) -> None:
-        """One taught sequence with the object at `place`: approach, grasp, close, lift. `random` draws the motions."""
-        self._lab.reset(place.seed)
-        self._lab.place(self._spec, (place.x, place.y), place.yaw)
-        truth = self._lab.world().object(self._spec.name).pose.position
-        postures = grasping.solve_chain(truth[:2], height=float(truth[2]))
+    def demonstrate(self, places: Sequence[Place], random: np.random.Generator, on_look: Callable[[], None]) -> None:
+        """The lesson once with its objects at `places`. `random` draws the small motions."""
+        self._lab.reset(places[0].seed)
+        for spec, place in zip(self._lesson.objects, places, strict=True):
+            self._lab.place(spec, (place.x, place.y), place.yaw)
+        moves = self._lesson.plan(self._lab.world())
         with self._robot.lease():
-            recorder = _Recorder(
-                self._client, self._client.begin_demonstration(self._task, self._spec.name).id, self._settle, on_look
-            )
-            self._subtask(recorder, "approach", postures["approach"], AROUND_APPROACH, random)
-            self._subtask(recorder, "grasp", postures["grasp"], AROUND_GRASP, random)
-            self._robot.close_gripper(self._watch)
-            recorder.action("grasp", "close_gripper")
-            self._subtask(recorder, "lift", postures["lift"], None, random)
+            shown = self._client.begin_demonstration(self._task, self._lesson.objects[0].name).id
+            recorder = _Recorder(self._client, shown, self._settle, on_look)
+            for move in moves:
+                self._show(recorder, move, random)
             recorder.finish()
 
-    def _subtask(
-        self, recorder: _Recorder, name: str, goal: Array, scatter: Scatter | None, random: np.random.Generator
-    ) -> None:
-        """From where the arm is to `goal`: looks at the start, on the way, at the goal, and scattered around it."""
+    def _show(self, recorder: _Recorder, move: Move, random: np.random.Generator) -> None:
+        """From where the arm is to the goal: looks at the start, on the way, at the goal, and scattered around it."""
         start = self._robot.state().joints
-        recorder.look(name, key=True)
-        for share in np.linspace(0.0, 1.0, WAY_POINTS[name] + 2)[1:-1]:
-            self._move(start + share * (goal - start))
-            recorder.look(name)
-        self._move(goal)
-        recorder.look(name, goal=True)
-        if scatter is None:
-            return
-        for pose in scatter.draw(kinematics.forward(goal), random):
-            self._move(near(pose, goal))
-            recorder.look(name)
-        self._move(goal)
+        recorder.look(move, key=True)
+        for share in np.linspace(0.0, 1.0, move.looks + 2)[1:-1]:
+            self._move(start + share * (move.goal - start))
+            recorder.look(move)
+        self._move(move.goal)
+        recorder.look(move, goal=True)
+        if move.scatter is not None:
+            for pose in move.scatter.draw(kinematics.forward(move.goal), random):
+                self._move(near(pose, move.goal))
+                recorder.look(move)
+            self._move(move.goal)
+        if move.way:
+            recorder.look(move)  # the way's time counts from here
+        for step in move.way:
+            if isinstance(step, float):
+                self._robot.advance(step, self._watch)
+            else:
+                self._robot.move_to_joints(step, WAY_PACE, self._watch)
+            recorder.pass_by(move)
+        if move.action == "close_gripper":
+            self._robot.close_gripper(self._watch)
+        elif move.action == "open_gripper":
+            self._robot.open_gripper(self._watch)
+        if move.action is not None:
+            recorder.action(move.subtask, move.action)
 
     def _move(self, joints: Array) -> None:
         self._robot.move_to_joints(joints, PACE, self._watch)
@@ -166,21 +138,19 @@ class _Recorder:
         self._settle = settle
         self._on_look = on_look
 
-    def look(self, subtask: str, *, goal: bool = False, key: bool = False) -> None:
+    def look(self, move: Move, *, goal: bool = False, key: bool = False) -> None:
         self._settle()
-        self._client.observe(self._demonstration, subtask, goal=goal, key=key)
+        self._client.observe(self._demonstration, move.subtask, object_name=move.towards, goal=goal, key=key)
         self._on_look()
+
+    def pass_by(self, move: Move) -> None:
+        self._client.add_waypoint(self._demonstration, move.subtask)
 
     def action(self, subtask: str, action: Literal["close_gripper", "open_gripper"]) -> None:
         self._client.mark_action(self._demonstration, subtask, action)
 
     def finish(self) -> None:
         self._client.finish_demonstration(self._demonstration)
-
-
-def looks_per_demonstration() -> int:
-    """How many observations one taught sequence has."""
-    return sum(WAY_POINTS.values()) + 2 * len(WAY_POINTS) + AROUND_APPROACH.count + AROUND_GRASP.count
 
 
 def near(pose: Array, joints: Array) -> Array:
@@ -195,14 +165,3 @@ def _registration_places() -> list[Array]:
     """Four places of the workspace, away from its edges and from each other."""
     offsets = np.array([[-0.25, -0.3], [0.3, -0.15], [-0.1, 0.3], [0.15, 0.1]])
     return list(WORKSPACE_CENTRE + WORKSPACE_SIZE * offsets)
-
-
-def _rotation(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector (3,) in rad (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return rotation

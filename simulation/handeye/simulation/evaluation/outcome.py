@@ -52,14 +52,24 @@ def share(name: str, passed: Sequence[bool], least: float | None = None, thesis:
     return Figure(name, 100 * p, 100 * low, 100 * high, "%", n, target, met, thesis)
 
 
-def average(name: str, values: ArrayLike, unit: str, most: float | None = None, thesis: str = "") -> Figure:
-    """The mean, with a bootstrapped interval; the target is at most `most`."""
+def average(
+    name: str,
+    values: ArrayLike,
+    unit: str,
+    most: float | None = None,
+    thesis: str = "",
+    *,
+    least: float | None = None,
+) -> Figure:
+    """The mean, with a bootstrapped interval; the target is at most `most`, or at least `least`."""
     found = np.asarray(values, np.float64)
     picks = np.random.default_rng(0).integers(len(found), size=(_RESAMPLES, len(found)))
     low, high = np.quantile(found[picks].mean(axis=1), (0.025, 0.975))
     mean = float(found.mean())
     target = "" if most is None else f"≤ {most:g} {unit}"
     met = None if most is None else mean <= most
+    if least is not None:
+        target, met = f"≥ {least:g} {unit}", mean >= least
     return Figure(name, mean, float(low), float(high), unit, len(found), target, met, thesis)
 
 

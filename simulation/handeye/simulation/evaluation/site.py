@@ -32,10 +32,23 @@ class Site:
     lab: LabClient
     experimenter: Experimenter
     console: Console
+    stack: Stack
 
     def progress(self, title: str, total: int) -> AbstractContextManager[Callable[[], None]]:
         """A bar; what is given is called for each step done."""
         return counted(self.console, title, total)
+
+    def teach(self, lesson: str, demonstrations: int, seed: int) -> None:
+        """Shows a lesson and trains it: in a process of its own, for its teacher uses truth."""
+        child = self.stack.start_verb(
+            "teach",
+            *("--state-dir", str(self.stack.state_dir), "--seed", str(seed)),
+            *("--demonstrations", str(demonstrations), "--lesson", lesson),
+            environment={},
+            name="teacher",
+            logged=False,
+        )
+        self.stack.supervisor.finish(child)
 
 
 Trial = dict[str, Any]
@@ -84,7 +97,7 @@ def _measured(
         lab = LabClient(opened.enter_context(Bus.open(lab_settings(stack.lab), name="evaluation")))
         try:
             return evaluation.measure(
-                Site(client, lab, Experimenter(lab, client, seed), console), seed, trials, pictures
+                Site(client, lab, Experimenter(lab, client, seed), console, stack), seed, trials, pictures
             )
         except (HandeyeError, RpcError):
             stack.check()  # says which process died rather than what that did to a call
