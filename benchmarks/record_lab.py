@@ -25,9 +25,10 @@ from handeye.client.models import Observation
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc import Bus
 from handeye.simulation.lab import LabClient
+from handeye.simulation.lessons import grasp
 from handeye.simulation.objects import CUPS
 from handeye.simulation.places import Purpose, draw, generator
-from handeye.simulation.teacher import Teacher, looks_per_demonstration
+from handeye.simulation.teacher import Teacher
 from handeye.simulation.teaching import acting_settings, lab_settings
 
 TASK = "grasp"
@@ -51,8 +52,16 @@ class Listener(Client):
         self.looks: list[Look] = []
         self._numbers: dict[str, int] = {}
 
-    def observe(self, demonstration_id: str, subtask: str, *, goal: bool = False, key: bool = False) -> Observation:
-        observation = super().observe(demonstration_id, subtask, goal=goal, key=key)
+    def observe(
+        self,
+        demonstration_id: str,
+        subtask: str,
+        *,
+        object_name: str | None = None,
+        goal: bool = False,
+        key: bool = False,
+    ) -> Observation:
+        observation = super().observe(demonstration_id, subtask, object_name=object_name, goal=goal, key=key)
         number = self._numbers.setdefault(demonstration_id, len(self._numbers))
         self.looks.append(Look(number, observation))
         return observation
@@ -69,13 +78,14 @@ def record(seed: int, demonstrations: int, console: Console) -> list[Look]:
         client = Listener(stack.url, stack.token)
         opened.enter_context(client)
         robot = RemoteRobot(bus, holder="teacher")
-        teacher = Teacher(robot, lab, client, CUPS[OBJECT], TASK, lambda _share: stack.check())
-        teacher.register_object(seed)
+        teacher = Teacher(robot, lab, client, grasp(CUPS[OBJECT]), TASK, lambda _share: stack.check())
+        teacher.register_objects(seed)
         motions = generator(seed, Purpose.MOTIONS)
         bar = opened.enter_context(progress(console))
-        work = bar.add_task(f"recording {TASK!r}", total=demonstrations * looks_per_demonstration())
+        work = bar.add_task(f"recording {TASK!r}", total=demonstrations)
         for place in draw(seed, Purpose.TEACHING, demonstrations):
-            teacher.demonstrate(place, motions, lambda: bar.advance(work))
+            teacher.demonstrate((place,), motions, lambda: None)
+            bar.advance(work)
         return client.looks
 
 
@@ -88,7 +98,7 @@ def write(looks: list[Look], seed: int, path: Path) -> None:
         path,
         demonstration=np.array([number for number, _seen in looks], np.int16),
         subtask=np.array([subtasks.index(seen.subtask) for _number, seen in looks], np.int16),
-        inputs=np.array([[*np.subtract(seen.object, seen.hand), *seen.joints] for _number, seen in looks]),
+        inputs=np.array([[*np.subtract(seen.object or (), seen.hand or ()), *seen.joints] for _number, seen in looks]),
         outputs=np.array([goals[number, seen.subtask] - seen.joints for number, seen in looks]),
         subtask_names=np.array(subtasks),
         input_names=np.array(INPUTS),

@@ -8,9 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handeye.simulation import grasping, gripper, kinematics, puma
+from handeye.simulation.lessons import AROUND_APPROACH, AROUND_GRASP
 from handeye.simulation.places import Place, Purpose, draw
+from handeye.simulation.scatter import Scatter
 from handeye.simulation.scene import WORKSPACE_CENTRE, WORKSPACE_SIZE
-from handeye.simulation.teacher import AROUND_APPROACH, AROUND_GRASP, Scatter, near
+from handeye.simulation.teacher import near
 
 CUP_RADIUS = 0.0325
 

@@ -29,14 +29,25 @@ class Studio:
         self.asked.append((path, body))
         if len(self.asked) == self._fail_at:
             return problem(422, "not_seen", "The hand is not seen.")
-        if path.endswith("/observations"):
-            point = [1.0, 2.0, 3.0]
-            seen = {"number": 0, "world_time": 1.0, "object": point, "hand": point, "joints": [0.0] * 6}
-            return httpx2.Response(201, json={**seen, **body})
+        if path.endswith(("/observations", "/waypoints")):
+            point = [1.0, 2.0, 3.0] if path.endswith("/observations") else None
+            seen = {
+                "number": 0,
+                "subtask": body["subtask"],
+                "towards": body.get("object") or "cup",
+                "goal": body.get("goal", False),
+                "key": body.get("key", False),
+                "world_time": 1.0,
+                "object": point,
+                "hand": point,
+                "joints": [0.0] * 6,
+                "seconds": 0.5,
+            }
+            return httpx2.Response(201, json=seen)
         return httpx2.Response(201, json=DEMONSTRATION)
 
 
-STEPS = "key lift off\n\nlook lift off\ngoal lift off\nclose lift off\nfinish\n"
+STEPS = "key lift off\n\nlook lift off\ngoal lift off\nclose lift off\ngoal tip @ jar\nway tip\nfinish\n"
 
 
 def test_a_person_records_line_by_line(run: Run) -> None:
@@ -47,10 +58,12 @@ def test_a_person_records_line_by_line(run: Run) -> None:
     path = "/v1/demonstrations/grasp-1"
     assert studio.asked == [
         ("/v1/demonstrations", {"task": "grasp", "object": "cup"}),
-        (f"{path}/observations", {"subtask": "lift off", "goal": False, "key": True}),
-        (f"{path}/observations", {"subtask": "lift off", "goal": False, "key": False}),
-        (f"{path}/observations", {"subtask": "lift off", "goal": True, "key": False}),
+        (f"{path}/observations", {"subtask": "lift off", "object": None, "goal": False, "key": True}),
+        (f"{path}/observations", {"subtask": "lift off", "object": None, "goal": False, "key": False}),
+        (f"{path}/observations", {"subtask": "lift off", "object": None, "goal": True, "key": False}),
         (f"{path}/actions", {"subtask": "lift off", "action": "close_gripper"}),
+        (f"{path}/observations", {"subtask": "tip", "object": "jar", "goal": True, "key": False}),
+        (f"{path}/waypoints", {"subtask": "tip"}),
         (f"{path}/finish", {}),
     ]
 
@@ -94,12 +107,14 @@ def observed(number: int, subtask: str, joint: float, goal: bool = False) -> Obs
     return Observation(
         number=number,
         subtask=subtask,
+        towards="cup",
         goal=goal,
         key=False,
         world_time=0.0,
         object=(0.0, 0.0, 0.0),
         hand=(0.0, 0.0, 0.0),
         joints=(joint,),
+        seconds=0.0,
     )
 
 

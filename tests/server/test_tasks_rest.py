@@ -47,7 +47,10 @@ def test_tasks_are_listed_read_and_deleted_with_their_module(trained: Lab, http:
     assert info == {
         "name": "grasp",
         "module": "IJS.grasp",
-        "subtasks": [{"name": "grasp", "action": "close_gripper"}, {"name": "lift", "action": None}],
+        "subtasks": [
+            {"name": "grasp", "action": "close_gripper", "object": None, "way": []},
+            {"name": "lift", "action": None, "object": None, "way": []},
+        ],
         "demonstrations": [f"grasp-{n}" for n in range(1, 7)],
     }
     assert done(http.get("/v1/tasks")) == {"tasks": [info]}

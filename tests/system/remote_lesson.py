@@ -22,6 +22,7 @@ from handeye.client.models import Robot, TrainStatistics
 from handeye.robot_bridge.driver import Pace
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.simulation.lab import LabClient
+from handeye.simulation.lessons import grasp
 from handeye.simulation.objects import CUPS, ObjectSpec
 from handeye.simulation.places import Purpose, draw, generator
 from handeye.simulation.teacher import Teacher
@@ -90,12 +91,12 @@ def main() -> None:
     with Client(os.environ["HANDEYE_URL"], os.environ["HANDEYE_TOKEN"]) as client:
         client.wait_ready(60.0)
         arm, lab = cast("RemoteRobot", Arm(client)), cast("LabClient", Lab())
-        teacher = Teacher(arm, lab, client, CUPS[OBJECT], TASK, lambda _share: None)
-        teacher.register_object(SEED)
+        teacher = Teacher(arm, lab, client, grasp(CUPS[OBJECT]), TASK, lambda _share: None)
+        teacher.register_objects(SEED)
         motions = generator(SEED, Purpose.MOTIONS)
         places = draw(SEED, Purpose.TEACHING, 2)
         for place in places:
-            teacher.demonstrate(place, motions, lambda: None)
+            teacher.demonstrate((place,), motions, lambda: None)
         statistics = client.train(TASK)
         assert isinstance(statistics, TrainStatistics)
 

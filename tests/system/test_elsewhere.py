@@ -24,7 +24,6 @@ from handeye.rpc import Bus
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import CUPS
 from handeye.simulation.places import Purpose, draw
-from handeye.simulation.teacher import looks_per_demonstration
 from handeye.simulation.teaching import acting_settings, lab_settings
 from tests.system.remote_lesson import OBJECT, SEED, TASK
 
@@ -133,7 +132,7 @@ def test_a_client_elsewhere_teaches_trains_runs_and_reads_back_why(stack: Stack,
             assert remote.wait(30.0) == 0, remote.stderr.read()
         finally:
             remote.kill()
-    assert report["pairs"] == 2 * looks_per_demonstration()
+    assert report["pairs"] == 2 * 34  # looks: 4 + 2 + 2 on the way, 3 starts, 3 goals, 10 + 10 scattered
     assert report["moves"] >= 3
     assert set(report["reasons"]) == {"grasp-1", "grasp-2"}
     assert report["support"] > 0.2

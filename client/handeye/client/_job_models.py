@@ -61,16 +61,28 @@ class Look(Model):
     picture: str
 
 
+class Waypoint(Model):
+    """A way-point that a run has passed without looking; `delta` from where the last look was, in rad."""
+
+    delta: tuple[float, ...]
+    seconds: float
+    support: float
+    neighbours: tuple[Neighbour, ...]
+    moved: tuple[float, ...]
+
+
 class SubtaskResult(Model):
     """One subtask of a run; `started` and `ended` are world times in s; `aligned`: within the tolerance at its end."""
 
     name: str
+    object: str | None = None
     state: Literal["running", "succeeded", "failed"]
     started: float
     ended: float | None
     aligned: bool
     action: str | None
     looks: tuple[Look, ...]
+    way: tuple[Waypoint, ...] = ()
 
 
 class RunResult(Model):

@@ -118,10 +118,15 @@ class TaughtObjects(Model):
 
 
 class Subtask(Model):
-    """A part of a task; `action` is what the gripper does at its end."""
+    """A part of a task; `action` is what the gripper does at its end.
+
+    `object`: what it is towards, None for the object that the task is done with; `way`: seconds to each way-point.
+    """
 
     name: str
     action: Literal["close_gripper", "open_gripper"] | None
+    object: str | None = None
+    way: tuple[float, ...] = ()
 
 
 class Demonstration(Model):
@@ -138,16 +143,18 @@ class Demonstration(Model):
 
 
 class Observation(Model):
-    """What was recognised and read: joints in rad, world time in s."""
+    """What was recognised and read: joints in rad, world time in s. At a way-point nobody looks: no object, no hand."""
 
     number: int
     subtask: str
+    towards: str
     goal: bool
     key: bool
     world_time: float
-    object: Point
-    hand: Point
+    object: Point | None
+    hand: Point | None
     joints: tuple[float, ...]
+    seconds: float
 
 
 class Demonstrations(PageModel):

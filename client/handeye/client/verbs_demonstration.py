@@ -72,12 +72,15 @@ def delete(demonstration: Id, yes: Yes = False, url: Url = "", token: Token = ""
 
 
 def _row(observation: Observation) -> tuple[object, ...]:
-    marks = [name for name, given in (("key", observation.key), ("goal", observation.goal)) if given]
+    looked = observation.object is not None and observation.hand is not None
+    marks = [
+        name for name, given in (("key", observation.key), ("goal", observation.goal), ("way", not looked)) if given
+    ]
     return (
         observation.number,
         observation.subtask,
         ", ".join(marks) or None,
         round(observation.world_time, 2),
-        seen(observation.object, observation.hand),
+        seen(observation.object, observation.hand) if observation.object and observation.hand else None,
         spelled(observation.joints, 4),
     )

@@ -14,7 +14,7 @@ from handeye.client import Client, HandeyeError
 from handeye.client.models import Demonstration, Observation
 from handeye.client.verbs_common import Token, Url, connect, signals_unwind
 
-STEPS = "look SUBTASK, key SUBTASK, goal SUBTASK, close SUBTASK, open SUBTASK, finish"
+STEPS = "look SUBTASK, key SUBTASK, goal SUBTASK, way SUBTASK, close SUBTASK, open SUBTASK, finish"
 
 
 class WrongStep(HandeyeError):
@@ -36,7 +36,9 @@ def record(
     """Record a demonstration: lead the arm, and at each stop say in a line what happens there.
 
     `look S`: look, in subtask S. `key S`: the same where the subtask begins. `goal S`: the same where it ends.
-    `close S`, `open S`: what the gripper did at its end. `finish`. Lines come from the terminal or from stdin.
+    `way S`: do not look, the arm goes on through here after the goal. `close S`, `open S`: what the gripper did at
+    its end. `finish`. `look S @ OBJECT`, also with key and goal: S is towards another object. Lines come from the
+    terminal or from stdin.
     """
     with connect(url, token) as client, signals_unwind():
         shown = client.begin_demonstration(task, object_name)
@@ -85,25 +87,32 @@ def _lines(interactive: bool) -> Iterator[str]:
 
 def _step(client: Client, demonstration: str, line: str) -> bool:
     """One step; True when it was the last one."""
-    word, _, subtask = line.partition(" ")
-    subtask = subtask.strip()
+    word, _, rest = line.partition(" ")
+    subtask, _, towards = (each.strip() for each in rest.partition("@"))
     if line == "finish":
         client.finish_demonstration(demonstration)
         return True
-    if not subtask or word not in ("look", "key", "goal", "close", "open"):
+    if not subtask or word not in ("look", "key", "goal", "way", "close", "open"):
         raise WrongStep(f"{line!r} is no step; the steps are: {STEPS}")
     if word in ("close", "open"):
         client.mark_action(demonstration, subtask, "close_gripper" if word == "close" else "open_gripper")
         typer.echo(f"  '{subtask}' ends with the gripper {'closed' if word == 'close' else 'opened'}", err=True)
+    elif word == "way":
+        passed = client.add_waypoint(demonstration, subtask)
+        typer.echo(f"  {passed.number}: '{subtask}' goes on through here, {passed.seconds:.1f} s later", err=True)
     else:
-        seen = client.observe(demonstration, subtask, goal=word == "goal", key=word == "key")
+        seen = client.observe(
+            demonstration, subtask, object_name=towards or None, goal=word == "goal", key=word == "key"
+        )
         typer.echo(
             f"  {seen.number}: '{subtask}', object at {_pixels(seen.object)}, hand at {_pixels(seen.hand)}", err=True
         )
     return False
 
 
-def _pixels(point: Sequence[float]) -> str:
+def _pixels(point: Sequence[float] | None) -> str:
+    if point is None:
+        return "no place"
     return f"row {point[0]:.1f}, column {point[1]:.1f}, disparity {point[2]:.1f}"
 
 
@@ -135,13 +144,13 @@ def replay(
 
 
 def retrace(shown: Demonstration, observations: Sequence[Observation]) -> list[Step]:
-    """What the arm did: through all observations in order, and each subtask ends at its goal, with its action."""
+    """What the arm did: through all observations in order; each subtask ends at its goal or its way's end, and acts."""
     steps = []
     for subtask in shown.subtasks:
         mine = [each for each in observations if each.subtask == subtask.name]
         steps += [Step(each.joints) for each in mine]
         goal = next((each for each in mine if each.goal), None)
-        if goal is not None and not mine[-1].goal:
+        if goal is not None and not mine[-1].goal and not subtask.way:
             steps.append(Step(goal.joints))
         if subtask.action is not None:
             steps.append(Step(None, subtask.action))

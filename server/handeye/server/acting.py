@@ -15,9 +15,11 @@ from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotSta
 from handeye.rpc.errors import Busy, OutOfLimits
 from handeye.server.problem import Conflict
 
+_LEAST_PACE = 0.001  # of `Pace`
 _TURN_LIMIT = 30.0  # s that the head may take to turn
 _REST_STEP = 0.05  # s of world time to wait before asking again whether the arm has come to rest
 _REST_LIMIT = 2.0  # s of world time after which an arm that still moves is an error
+_PEAK = 1.875  # greatest by mean speed of a smooth motion (minimum jerk: Flash and Hogan, 1985)
 
 
 class OutsideTaughtRegion(Conflict):
@@ -149,9 +151,17 @@ class ActingRobot:
         """What the robot's own sensors say now."""
         return self.__driver.state()
 
-    def adjust_joints(self, delta: Joints) -> RobotState:
-        """Changes the joints by `delta` (rad); returns what was reached."""
-        return self.__driver.adjust_joints(delta, self.__pace, self.__watch)
+    def adjust_joints(self, delta: Joints, seconds: float | None = None) -> RobotState:
+        """Changes the joints by `delta` (rad); returns what was reached.
+
+        With `seconds` so slowly that it takes about so much world time; not faster than its own pace.
+        """
+        pace = self.__pace
+        if seconds is not None:
+            slowest = float(np.max(np.abs(delta) / self.__driver.description.speed))
+            share = _PEAK * slowest / max(seconds, 1e-3)
+            pace = Pace(min(pace.speed, max(_LEAST_PACE, share)), pace.acceleration)
+        return self.__driver.adjust_joints(delta, pace, self.__watch)
 
     def open_gripper(self) -> RobotState:
         """Opens the gripper."""

@@ -104,34 +104,60 @@ class Coordinator:
         """Grabs a pair of the scene without or with the object, and learns the object from all pairs so far."""
         return self.objects.add(name, kind, self.grab(not_older_than), lambda write: write())
 
-    def look(self, demonstration_id: str, subtask: str, *, goal: bool) -> tuple[Sighting, RobotState]:
-        """What is seen and read now, for an observation of a demonstration.
+    def look(
+        self, demonstration_id: str, subtask: str, object_name: str | None = None, *, goal: bool
+    ) -> tuple[Sighting, RobotState]:
+        """What is seen and read now, for an observation of a demonstration; towards its own object for None.
 
         `Busy` while the arm moves, `NotSeen` when object or hand is not found in both pictures, `Conflict` when the
         demonstration cannot take the observation, `DeadlineExceeded` without a picture of the arm at rest.
         """
-        demonstration = self.demonstrations.recordable(demonstration_id, subtask, goal=goal)
+        if object_name is not None:
+            self.objects.require(object_name)
+        demonstration = self.demonstrations.recordable(demonstration_id, subtask, object_name, goal=goal)
         state = self.acting.resting_state()
-        sighting = self.eyes.look(demonstration.object, state.still_since)
+        sighting = self.eyes.look(object_name or demonstration.object, state.still_since)
         if isinstance(sighting.found, NotSeen):
             raise sighting.found
         if self.acting.resting_state().still_since != state.still_since:
             raise Busy("the arm moved while it was looked at; observe again once it stands still")
         return sighting, state
 
-    def observe(self, demonstration_id: str, subtask: str, *, goal: bool, key: bool) -> Observation:
+    def observe(
+        self, demonstration_id: str, subtask: str, object_name: str | None = None, *, goal: bool, key: bool
+    ) -> Observation:
         """Adds what is seen and read now to a demonstration; raises as `look` does."""
-        return self.record(demonstration_id, subtask, self.look(demonstration_id, subtask, goal=goal), goal, key)
+        seen = self.look(demonstration_id, subtask, object_name, goal=goal)
+        return self.record(demonstration_id, subtask, object_name, seen, goal=goal, key=key)
 
     def record(
-        self, demonstration_id: str, subtask: str, seen: tuple[Sighting, RobotState], goal: bool, key: bool
+        self,
+        demonstration_id: str,
+        subtask: str,
+        object_name: str | None,
+        seen: tuple[Sighting, RobotState],
+        *,
+        goal: bool,
+        key: bool,
     ) -> Observation:
         """Adds what `look` returned to a demonstration."""
         sighting, state = seen
         assert not isinstance(sighting.found, NotSeen)  # noqa: S101 # `look` raises it
         return self.demonstrations.observe(
-            demonstration_id, subtask, sighting.found, state.joints, sighting.world_time, goal=goal, key=key
+            demonstration_id,
+            subtask,
+            sighting.found,
+            state.joints,
+            sighting.world_time,
+            goal=goal,
+            key=key,
+            object_name=object_name,
         )
+
+    def pass_by(self, demonstration_id: str, subtask: str) -> Observation:
+        """Adds where the arm stands now to a subtask's way, without looking; `Busy` while it moves."""
+        state = self.acting.resting_state()
+        return self.demonstrations.pass_by(demonstration_id, subtask, state.joints, state.still_since, state.world_time)
 
     def untrain(self, demonstration_id: str) -> None:
         """Deletes a demonstration, and its samples from every module; the next query does not know them."""
@@ -179,7 +205,8 @@ class Coordinator:
         """
         skill = self.tasks.get(task)
         self.tasks.module(skill)
-        self.objects.require(object_name)
+        for name in dict.fromkeys((object_name, *(each.object for each in skill.subtasks if each.object))):
+            self.objects.require(name)
         settings = self.settings.acting
         if least_support is not None:
             settings = settings.model_copy(update={"least_support": least_support})

@@ -52,12 +52,23 @@ class Demonstrations:
             shown = stored.of_task(connection, task)
         return tuple(d for d in shown if d.finished and d.outcome != "failure")
 
-    def recordable(self, demonstration_id: str, subtask: str, *, goal: bool) -> Demonstration:
-        """The demonstration, if an observation of `subtask` may be added to it now.
+    def recordable(self, demonstration_id: str, subtask: str, object_name: str | None, *, goal: bool) -> Demonstration:
+        """The demonstration, if an observation of `subtask`, towards an object, may be added to it now.
 
-        `Conflict` when it is finished, or when `goal` and the subtask already has its goal.
+        `Conflict` when it is finished, when `goal` and the subtask already has its goal, when the subtask is towards
+        another object, or when its way has begun.
         """
         demonstration = self._open(demonstration_id)
+        towards = demonstration.towards(subtask)
+        if towards not in (None, object_name or demonstration.object):
+            raise Conflict(
+                f"Subtask '{subtask}' of demonstration '{demonstration_id}' is towards '{towards}'; "
+                f"a subtask is towards one object, not also towards '{object_name or demonstration.object}'."
+            )
+        if demonstration.way(subtask):
+            raise Conflict(
+                f"Subtask '{subtask}' of demonstration '{demonstration_id}' is on its way already: nobody looks there."
+            )
         if goal and (before := demonstration.goal(subtask)):
             raise Conflict(
                 f"Subtask '{subtask}' of demonstration '{demonstration_id}' already has its goal "
@@ -75,12 +86,35 @@ class Demonstrations:
         *,
         goal: bool,
         key: bool,
+        object_name: str | None = None,
     ) -> Observation:
-        """Adds an observation; raises as `recordable` does."""
+        """Adds an observation, towards the demonstration's own object for None; raises as `recordable` does."""
         with self._store.write() as connection:
-            demonstration = self.recordable(demonstration_id, subtask, goal=goal)
-            number = len(demonstration.observations)
-            observation = Observation(number, subtask, world_time, found, joints.copy(), goal, key)
+            demonstration = self.recordable(demonstration_id, subtask, object_name, goal=goal)
+            number, towards = len(demonstration.observations), object_name or demonstration.object
+            observation = Observation(number, subtask, towards, world_time, found, joints.copy(), goal, key)
+            stored.add_observation(connection, demonstration_id, observation)
+            return observation
+
+    def pass_by(
+        self, demonstration_id: str, subtask: str, joints: NDArray[np.float64], still_since: float, world_time: float
+    ) -> Observation:
+        """Adds a way-point: the arm stands at `joints` since `still_since`, and it is `world_time`, both in s.
+
+        `Conflict` when the demonstration is finished or the subtask has no goal yet, which its way begins at.
+        """
+        with self._store.write() as connection:
+            demonstration = self._open(demonstration_id)
+            if demonstration.goal(subtask) is None:
+                raise Conflict(
+                    f"Subtask '{subtask}' of demonstration '{demonstration_id}' has no goal yet; look there with "
+                    '"goal": true, then show the way that goes on from it.'
+                )
+            before = demonstration.observations[-1].world_time
+            # An arm that has not moved since has waited: that is shown, too.
+            seconds = max(0.0, (still_since if still_since > before else world_time) - before)
+            number, towards = len(demonstration.observations), demonstration.towards(subtask) or demonstration.object
+            observation = Observation(number, subtask, towards, world_time, None, joints.copy(), seconds=seconds)
             stored.add_observation(connection, demonstration_id, observation)
             return observation
 

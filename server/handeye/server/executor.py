@@ -1,7 +1,9 @@
 """The acting loop: look, answer, move, look again, until aligned; then the subtask's gripper action.
 
-Thesis 4.2: the subtasks and their gripper actions come from the demonstrations, every motion from module IJS. The
-thesis answers once per subtask (`one_look`); looking again and again closes the loop it left open (4.3, 5.4).
+Thesis 4.2: the subtasks, what they are towards and their gripper actions come from the demonstrations, every motion
+from module IJS. The thesis answers once per subtask (`one_look`); looking again and again closes the loop it left open
+(4.3, 5.4). Where looking is impossible, as while a cup is tilted, a way was shown that goes on from the goal: it is
+answered from the last look, all of it at once, and followed in the time that it took.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from handeye.server.jobs import Job
 from handeye.server.looking import Looker
 from handeye.server.pictures import side_by_side
 from handeye.server.problem import Conflict
-from handeye.server.results import LookRecord, NeighbourRecord, RunResult, SubtaskRecord
+from handeye.server.results import LookRecord, NeighbourRecord, RunResult, SubtaskRecord, WaypointRecord
 
 log = structlog.get_logger(__name__)
 
@@ -45,8 +47,13 @@ class Skill(Protocol):
         """In the order in which they are done."""
         ...
 
-    def answer(self, subtask: str, found: ImagePair, joints: Joints) -> tuple[JointDifference, Answer]:
-        """How far each joint is to turn towards the subtask's goal, and the answer that this was taken from."""
+    def answer(
+        self, subtask: str, found: ImagePair, joints: Joints, waypoint: int | None = None
+    ) -> tuple[JointDifference, Answer]:
+        """How far each joint is to turn towards the subtask's goal, and the answer that this was taken from.
+
+        With `waypoint`, a number, towards that of the subtask's way-points.
+        """
         ...
 
 
@@ -76,6 +83,7 @@ class Run:
         self._keep_picture = keep_picture
         self._one_look = one_look
         self._subtasks: list[SubtaskRecord] = []
+        self._last_look: tuple[ImagePair, Joints]
 
     def execute(self) -> None:
         """Does the task. On any error the arm is stopped, the subtask is marked as failed, the error goes on."""
@@ -92,9 +100,13 @@ class Run:
             raise
 
     def _do(self, subtask: Subtask, tolerance: float) -> None:
-        self._subtasks.append(SubtaskRecord(name=subtask.name, state="running", started=self._robot.state().world_time))
+        started = self._robot.state().world_time
+        towards = self._towards(subtask)
+        self._subtasks.append(SubtaskRecord(name=subtask.name, object=towards, state="running", started=started))
         self._publish("subtask")
         aligned = self._align(subtask, tolerance)
+        if subtask.way:
+            self._follow(subtask)
         if subtask.action == "close_gripper":
             self._robot.close_gripper()
         elif subtask.action == "open_gripper":
@@ -105,17 +117,18 @@ class Run:
     def _align(self, subtask: Subtask, tolerance: float) -> bool:
         """Looks and moves until the answer is within `tolerance` (rad); False when the looks ran out first.
 
-        `NotAligned` when they did, a gripper action comes next and the last answer was not acceptable either: a gripper
-        acts only where it was shown to. With one look only there is nothing to check by: it moves by the one answer and
-        acts, as the thesis does.
+        `NotAligned` when they did, a way or a gripper action comes next and the last answer was not acceptable either:
+        a gripper acts only where it was shown to. With one look only there is nothing to check by: it moves by the one
+        answer and acts, as the thesis does.
         """
         looks = 1 if self._one_look else self._settings.max_looks
         remaining = 0.0
         for _ in range(looks):
-            remaining = self._step(subtask.name, tolerance)
+            remaining = self._step(subtask, tolerance)
             if remaining <= tolerance:
                 return True
-        if subtask.action and not self._one_look and remaining > max(self._settings.acceptable, tolerance):
+        blind = subtask.way or subtask.action
+        if blind and not self._one_look and remaining > max(self._settings.acceptable, tolerance):
             raise NotAligned(
                 f"Subtask '{subtask.name}' is not aligned after {looks} looks: the last answer would turn a joint by "
                 f"{remaining:.4f} rad, {self._settings.acceptable:.4f} rad is acceptable. Show more demonstrations "
@@ -123,12 +136,13 @@ class Run:
             )
         return False
 
-    def _step(self, subtask: str, tolerance: float) -> float:
+    def _step(self, subtask: Subtask, tolerance: float) -> float:
         """One look and, unless it is within `tolerance`, the move it asks for; the answer's largest angle in rad."""
         self._job.check()
-        state, sighting, found, picture = self._look()
-        turn, answer = self._skill.answer(subtask, found, state.joints)
-        if refusal := self._refusal(subtask, turn, answer):
+        state, sighting, found, picture = self._look(self._towards(subtask))
+        self._last_look = (found, state.joints)
+        turn, answer = self._skill.answer(subtask.name, found, state.joints)
+        if refusal := self._refusal(subtask.name, turn, answer):
             self._record(picture, sighting, found, turn, answer, ())
             raise refusal
         if self._robot.lockstep:
@@ -138,10 +152,37 @@ class Run:
         self._record(picture, sighting, found, turn, answer, moved)
         return largest
 
-    def _look(self) -> tuple[RobotState, Sighting, ImagePair, int]:
+    def _follow(self, subtask: Subtask) -> None:
+        """Goes along the subtask's way without looking; where it has been sooner than was shown, it waits."""
+        found, joints = self._last_look
+        answers = [self._skill.answer(subtask.name, found, joints, number) for number in range(len(subtask.way))]
+        for turn, answer in answers:  # a way that cannot be gone to its end is not begun
+            if refusal := self._refusal(subtask.name, turn, answer):
+                raise refusal
+        for (turn, answer), seconds in zip(answers, subtask.way, strict=True):
+            self._job.check()
+            before = self._robot.state()
+            after = self._robot.adjust_joints(joints + turn.angles - before.joints, seconds)
+            early = seconds - (after.world_time - before.world_time)
+            if early > 0.0:
+                self._robot.wait(early)
+            passed = WaypointRecord(
+                delta=tuple(float(value) for value in turn.angles),
+                seconds=seconds,
+                support=answer.support,
+                neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
+                moved=tuple(float(value) for value in after.joints - before.joints),
+            )
+            self._update("waypoint", way=(*self._subtasks[-1].way, passed))
+
+    def _towards(self, subtask: Subtask) -> str:
+        """The object that a subtask is towards."""
+        return self._object if subtask.object is None else subtask.object
+
+    def _look(self, towards: str) -> tuple[RobotState, Sighting, ImagePair, int]:
         """The state at rest, and a pair that shows it; raises `NotSeen` when object or hand is not found."""
         state, pair = self._looker.look()
-        sighting = self._eyes.recognise(pair, self._object)
+        sighting = self._eyes.recognise(pair, towards)
         picture = self._keep_picture(side_by_side(pair.left.image, pair.right.image, sighting.found))
         if isinstance(sighting.found, NotSeen):
             self._job.publish(
@@ -196,7 +237,7 @@ class Run:
         self._publish(kind)
 
     def _publish(self, kind: str) -> None:
-        data = self._subtasks[-1].model_dump(mode="json", exclude={"looks"})
+        data = self._subtasks[-1].model_dump(mode="json", exclude={"looks", "way"})
         self._job.publish(kind, data, self._result())
 
     def _result(self) -> RunResult:

@@ -64,10 +64,27 @@ class LookRecord(_Record):
     """Path of the look's picture; only the newest few runs keep theirs."""
 
 
+class WaypointRecord(_Record):
+    """A way-point that a run has passed without looking."""
+
+    delta: tuple[float, ...]
+    """The answer: joint differences in rad, base to wrist, from where the arm was at the last look."""
+    seconds: float
+    """World time that the way there was to take, in s."""
+    support: float
+    """1: amid what was taught; towards 0: outside of it."""
+    neighbours: tuple[NeighbourRecord, ...]
+    """The nearest ones, nearest first; the weights of all add up to 1."""
+    moved: tuple[float, ...]
+    """Joint differences in rad that the robot reports to have made, from the way-point before."""
+
+
 class SubtaskRecord(_Record):
     """One subtask of a run."""
 
     name: str
+    object: str | None = None
+    """What it is towards; null in runs of earlier versions."""
     state: Literal["running", "succeeded", "failed"]
     started: float
     """World time in s."""
@@ -78,6 +95,8 @@ class SubtaskRecord(_Record):
     action: str | None = None
     """What the gripper did at the end."""
     looks: tuple[LookRecord, ...] = ()
+    way: tuple[WaypointRecord, ...] = ()
+    """The way-points that it has passed after the last look."""
 
 
 class RunResult(_Record):

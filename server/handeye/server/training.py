@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -58,35 +58,55 @@ class NotTeachable(Conflict):
 
 
 def common_subtasks(demonstrations: Sequence[Demonstration]) -> tuple[Subtask, ...]:
-    """The subtasks and gripper actions, in order; `NotTeachable` when the demonstrations disagree about them."""
+    """The subtasks in order; `NotTeachable` when the demonstrations disagree about them.
+
+    How long each piece of a way takes is the median of what was shown.
+    """
     first = demonstrations[0]
     for other in demonstrations[1:]:
-        if other.subtasks != first.subtasks:
+        if _untimed(other.subtasks) != _untimed(first.subtasks):
             raise NotTeachable(
-                f"Demonstrations '{first.id}' and '{other.id}' disagree about subtasks or gripper actions: "
-                f"{_spelled(first)} against {_spelled(other)}."
+                f"Demonstrations '{first.id}' and '{other.id}' disagree about subtasks, their objects, their ways or "
+                f"gripper actions: {_spelled(first)} against {_spelled(other)}."
             )
-    return first.subtasks
+    shown = zip(*(each.subtasks for each in demonstrations), strict=True)
+    return tuple(replace(same[0], way=tuple(np.median([each.way for each in same], axis=0).tolist())) for same in shown)
+
+
+def waypoint_codes(order: Sequence[Subtask]) -> dict[str, range]:
+    """The action codes of each subtask's way-points; those of the goals are the subtasks' numbers, and come before."""
+    codes, following = {}, len(order)
+    for subtask in order:
+        codes[subtask.name] = range(following, following + len(subtask.way))
+        following += len(subtask.way)
+    return codes
 
 
 def pairs(demonstrations: Sequence[Demonstration], order: Sequence[Subtask], *, key_only: bool) -> Pairs:
-    """Every observation towards its subtask's goal in the same demonstration.
+    """Every look towards its subtask's goal and way-points in the same demonstration.
 
-    Input: (subtask's number, image vector hand -> object, joints); output: goal joints - joints of the observation.
-    With `key_only` only the observations marked as the thesis's bare pairs.
+    Input: (action code, image vector hand -> object, joints); output: joints there - joints of the look. The code of a
+    goal is the subtask's number, those of way-points are `waypoint_codes`. With `key_only` only the looks marked as the
+    thesis's bare pairs.
     """
     numbers = {subtask.name: number for number, subtask in enumerate(order)}
+    codes = waypoint_codes(order)
     inputs, outputs, sources = [], [], []
     for demonstration in demonstrations:
-        goals = {name: demonstration.goal(name) for name in numbers}
-        for observation in demonstration.observations:
-            goal = goals[observation.subtask]
-            if goal is None or (key_only and not observation.key):  # finished demonstrations have all their goals
+        ends = {
+            name: [(numbers[name], demonstration.goal(name)), *zip(codes[name], demonstration.way(name), strict=True)]
+            for name in numbers
+        }
+        for look in demonstration.observations:
+            if look.found is None or (key_only and not look.key):
                 continue
-            action = pipeline.specify_action(observation.found)
-            inputs.append(ijs.input_vector(numbers[observation.subtask], action, JointAngles(observation.joints)))
-            outputs.append(goal.joints - observation.joints)
-            sources.append(demonstration.id)
+            action = pipeline.specify_action(look.found)
+            for code, end in ends[look.subtask]:
+                if end is None:  # finished demonstrations have all their goals
+                    continue
+                inputs.append(ijs.input_vector(code, action, JointAngles(look.joints)))
+                outputs.append(end.joints - look.joints)
+                sources.append(demonstration.id)
     if without := set(numbers.values()) - {int(row[0]) for row in inputs}:
         names = ", ".join(f"'{order[number].name}'" for number in sorted(without))
         raise NotTeachable(f'There is no pair to train {names} from: no observation there is marked with "key".')
@@ -104,16 +124,22 @@ class TrainedTask:
     """The ids of those that it was trained from and still answers by."""
     tasks: Tasks = field(repr=False, compare=False)
 
-    def answer(self, subtask: str, found: ImagePair, joints: Joints) -> tuple[JointDifference, Answer]:
+    def answer(
+        self, subtask: str, found: ImagePair, joints: Joints, waypoint: int | None = None
+    ) -> tuple[JointDifference, Answer]:
         """ASM and IJS: how far each joint is to turn towards the goal of `subtask`, and where that comes from.
+
+        With `waypoint`, a number, towards that of the subtask's way-points.
 
         The module answers as it is now. `NotFound` when the task was deleted meanwhile, `Conflict` when it was trained
         anew with other subtasks, `NothingTaught` when what it was taught in this subtask was taken out.
         """
-        if self.tasks.get(self.name).subtasks != self.subtasks:
+        if _untimed(self.tasks.get(self.name).subtasks) != _untimed(self.subtasks):
             raise Conflict(f"Task '{self.name}' was trained anew with other subtasks while it ran; run it again.")
         module = self.tasks.module(self)
         number = [each.name for each in self.subtasks].index(subtask)
+        if waypoint is not None:
+            number = waypoint_codes(self.subtasks)[subtask][waypoint]
         action = pipeline.specify_action(found)
         try:
             return pipeline.image_to_joints(module, number, action, JointAngles(joints))
@@ -140,7 +166,7 @@ class Tasks:
         module_name = f"IJS.{name}"
         declaration = declare(request.approximator).model_copy(update={"name": module_name})
         content = {
-            "subtasks": [{"name": subtask.name, "action": subtask.action} for subtask in subtasks],
+            "subtasks": [asdict(subtask) for subtask in subtasks],
             "demonstrations": [demonstration.id for demonstration in shown],
         }
         with self._store.write() as connection:
@@ -153,7 +179,7 @@ class Tasks:
             module=module_name,
             demonstrations=tuple(demonstration.id for demonstration in shown),
             pairs=module.samples,
-            subtasks=tuple(map(_subtask_statistics, subtasks, module.statistics())),
+            subtasks=_subtask_statistics(subtasks, module.statistics()),
             approximator=declaration.approximator,
         )
 
@@ -184,7 +210,10 @@ class Tasks:
 
     def _trained(self, connection: Connection, row: Mapping[str, Any]) -> TrainedTask:
         content = loads(row["content"])
-        subtasks = tuple(Subtask(each["name"], each["action"]) for each in content["subtasks"])
+        subtasks = tuple(
+            Subtask(each["name"], each["action"], each.get("object"), tuple(each.get("way", ())))
+            for each in content["subtasks"]
+        )
         left = stored_modules.demonstrations_of(connection, row["module"])
         shown = tuple(name for name in content["demonstrations"] if name in left)
         return TrainedTask(row["name"], row["module"], subtasks, shown, self)
@@ -206,15 +235,32 @@ def declare(approximator: Method | ApproximatorSettings | None) -> ModuleDeclara
     return ijs.DECLARATION.model_copy(update={"approximator": approximator})
 
 
-def _subtask_statistics(subtask: Subtask, learned: CategoryStatistics) -> SubtaskStatistics:
-    return SubtaskStatistics(
-        name=subtask.name,
-        action=subtask.action,
-        pairs=learned.samples,
-        nodes=learned.tree.nodes,
-        levels=learned.tree.levels,
+def _subtask_statistics(
+    subtasks: Sequence[Subtask], learned: Sequence[CategoryStatistics]
+) -> tuple[SubtaskStatistics, ...]:
+    """Of the pairs towards goals; those towards way-points are as many for each of them."""
+    trees = {int(each.category[0]): each for each in learned}
+    return tuple(
+        SubtaskStatistics(
+            name=subtask.name,
+            action=subtask.action,
+            pairs=trees[number].samples,
+            nodes=trees[number].tree.nodes,
+            levels=trees[number].tree.levels,
+        )
+        for number, subtask in enumerate(subtasks)
     )
 
 
+def _untimed(subtasks: Sequence[Subtask]) -> list[Subtask]:
+    """Subtasks without how long their ways take, which nobody shows twice alike."""
+    return [replace(subtask, way=(0.0,) * len(subtask.way)) for subtask in subtasks]
+
+
 def _spelled(demonstration: Demonstration) -> str:
-    return ", ".join(s.name + (f" ({s.action})" if s.action else "") for s in demonstration.subtasks)
+    def spelled(subtask: Subtask) -> str:
+        towards = f" towards {subtask.object}" if subtask.object else ""
+        way = f" along {len(subtask.way)} way-points" if subtask.way else ""
+        return subtask.name + towards + way + (f" ({subtask.action})" if subtask.action else "")
+
+    return ", ".join(map(spelled, demonstration.subtasks))

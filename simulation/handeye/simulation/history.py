@@ -23,7 +23,8 @@ _JOINTS, _FINGERS, _OBJECT = 6, 2, 9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """One step: joints (6) in rad, fingers (2) in m, and for each object position, quaternion and its two touches."""
+    """One step: joints (6) in rad, fingers (2) in m, for each object position, quaternion and its two touches, and
+    the place of each particle of liquid."""
 
     scene_version: int
     names: tuple[str, ...]
@@ -56,7 +57,8 @@ class History:
                 detail="world_time",
             )
         row = self._rows[step - oldest]
-        joints, fingers, rest = np.split(row.numbers, [_JOINTS, _JOINTS + _FINGERS])
+        ends = np.cumsum([_JOINTS, _FINGERS, _OBJECT * len(row.names)])
+        joints, fingers, objects, liquid = np.split(row.numbers, ends)
         return WorldState(
             world_time=step * STEP,
             scene_version=row.scene_version,
@@ -65,6 +67,7 @@ class History:
             tool=Pose.from_matrix(kinematics.forward(joints)),
             objects=tuple(
                 ObjectState(name, Pose(item[:3].copy(), item[3:7].copy()), bool(item[7]), bool(item[8]))
-                for name, item in zip(row.names, rest.reshape(-1, _OBJECT), strict=True)
+                for name, item in zip(row.names, objects.reshape(-1, _OBJECT), strict=True)
             ),
+            liquid=liquid.reshape(-1, 3).copy(),
         )

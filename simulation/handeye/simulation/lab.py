@@ -37,6 +37,7 @@ class LabService:
             methods.LAB_RESET_WORLD: self._reset,
             methods.LAB_PLACE_OBJECT: self._place,
             methods.LAB_HOLD_OBJECT: self._hold,
+            methods.LAB_FILL_OBJECT: self._fill,
             methods.LAB_REMOVE_OBJECT: self._remove,
         }
         self._serving = bus.serve(handlers)
@@ -72,6 +73,9 @@ class LabService:
 
     def _hold(self, request: lab_pb2.HoldObjectRequest, _call: Call) -> lab_pb2.Scene:
         return scene_to_proto(self._world.hold(spec_from_proto(request.object), _pose_from_proto(request.pose)))
+
+    def _fill(self, request: lab_pb2.FillObjectRequest, _call: Call) -> lab_pb2.Scene:
+        return scene_to_proto(self._world.fill(request.name, request.particles))
 
     def _remove(self, request: lab_pb2.RemoveObjectRequest, _call: Call) -> lab_pb2.Scene:
         return scene_to_proto(self._world.remove(request.name))
@@ -114,6 +118,11 @@ class LabClient:
         """Holds an object in the air at `pose`, where nothing moves it."""
         request = lab_pb2.HoldObjectRequest(object=spec_to_proto(spec), pose=_pose_to_proto(pose))
         return scene_from_proto(self._bus.call(methods.LAB_HOLD_OBJECT, request, timeout=self._timeout))
+
+    def fill(self, name: str, particles: int) -> Scene:
+        """Fills liquid into a cup that stands upright; it has settled when the call returns."""
+        request = lab_pb2.FillObjectRequest(name=name, particles=particles)
+        return scene_from_proto(self._bus.call(methods.LAB_FILL_OBJECT, request, timeout=self._timeout))
 
     def remove(self, name: str) -> Scene:
         """Takes an object away."""
@@ -214,6 +223,7 @@ def state_to_proto(state: WorldState) -> lab_pb2.WorldState:
             )
             for item in state.objects
         ],
+        liquid=state.liquid.ravel().tolist(),
     )
 
 
@@ -229,6 +239,7 @@ def state_from_proto(message: lab_pb2.WorldState) -> WorldState:
             ObjectState(item.name, _pose_from_proto(item.pose), item.touches_finger_1, item.touches_finger_2)
             for item in message.objects
         ),
+        liquid=np.array(message.liquid, dtype=np.float64).reshape(-1, 3),
     )
 
 

@@ -129,7 +129,7 @@ class Mirror:
 def _poses(state: WorldState) -> tuple[object, ...]:
     """All of a state that shows in a picture, to compare."""
     poses = ((item.name, item.pose.position.tobytes(), item.pose.orientation.tobytes()) for item in state.objects)
-    return state.joints.tobytes(), state.fingers.tobytes(), *poses
+    return state.joints.tobytes(), state.fingers.tobytes(), state.liquid.tobytes(), *poses
 
 
 def _keep(stage: scene.Stage, *, robot: bool) -> None:

@@ -76,6 +76,17 @@ class ObjectSpec:
         if len(self.color) != 3 or not all(0 <= channel <= 1 for channel in self.color):
             raise ValueError(f"color of object {self.name!r} must be three numbers in 0..1, got {self.color}")
 
+    @property
+    def hollow(self) -> bool:
+        """It can hold liquid."""
+        return self.shape not in _SOLID
+
+    @property
+    def inner_radius(self) -> float:
+        """Of what is hollow: the radius inside at the bottom, where it is narrowest, in m."""
+        lean = math.tan(_TAPER) * self.height / 2 if self.shape == "tumbler" else 0.0
+        return self.radius - lean - self.wall
+
     def named(self, name: str) -> ObjectSpec:
         """The same object under another name."""
         return replace(self, name=name)
@@ -93,6 +104,9 @@ CUPS: dict[str, ObjectSpec] = {
     )
 }
 """Cups by name."""
+
+JAR = ObjectSpec("green jar", "cup", radius=0.050, height=0.090, mass=0.35, color=(0.05, 0.50, 0.22))
+"""What is poured into: too wide for the hand to grasp."""
 
 GRID = ObjectSpec("grid", "grid", radius=0.27, height=0.006, wall=0.0, mass=1.0, color=(1.0, 1.0, 1.0))
 """The thesis's grid target (3, Fig 4.16): 9×9 intersections 5 cm apart, 40×40 cm between the outermost."""

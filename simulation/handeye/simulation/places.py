@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -19,6 +20,14 @@ class Place:
     y: float
     yaw: float
     seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A square on the table: its centre (x, y) and the length of its sides, in m."""
+
+    centre: tuple[float, float]
+    size: float
 
 
 class Purpose(IntEnum):
@@ -39,10 +48,16 @@ def draw(seed: int, purpose: Purpose, count: int, size: float = WORKSPACE_SIZE) 
 
     The first n are the same for every `count` ≥ n.
     """
+    workspace = Area((float(WORKSPACE_CENTRE[0]), float(WORKSPACE_CENTRE[1])), size)
+    return tuple(place for (place,) in draw_in((workspace,), seed, purpose, count))
+
+
+def draw_in(areas: Sequence[Area], seed: int, purpose: Purpose, count: int) -> tuple[tuple[Place, ...], ...]:
+    """`count` times a place in each of the areas; the first n are the same for every `count` ≥ n."""
     random = generator(seed, purpose)
-    low = WORKSPACE_CENTRE - size / 2
-    places = []
-    for _ in range(count):
-        x, y = low + size * random.random(2)
-        places.append(Place(float(x), float(y), float(random.uniform(-math.pi, math.pi)), int(random.integers(2**31))))
-    return tuple(places)
+    return tuple(tuple(_place(area, random) for area in areas) for _ in range(count))
+
+
+def _place(area: Area, random: np.random.Generator) -> Place:
+    x, y = np.array(area.centre) - area.size / 2 + area.size * random.random(2)
+    return Place(float(x), float(y), float(random.uniform(-math.pi, math.pi)), int(random.integers(2**31)))

@@ -14,7 +14,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from handeye.simulation import gripper, objects, puma, urdf
+from handeye.simulation import gripper, liquid, objects, puma, urdf
 from handeye.simulation.objects import ObjectSpec
 from handeye.simulation.pose import Pose
 
@@ -56,7 +56,10 @@ class ObjectState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldState:
-    """The truth at one time: true joint angles (6,) in rad, fingers (2,) in m from the middle, tool, objects."""
+    """The truth at one time: true joint angles (6,) in rad, fingers (2,) in m from the middle, tool, objects.
+
+    `liquid` (n, 3): where its particles are, in m, world frame.
+    """
 
     world_time: float
     scene_version: int
@@ -64,6 +67,7 @@ class WorldState:
     fingers: Array
     tool: Pose
     objects: tuple[ObjectState, ...]
+    liquid: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def object(self, name: str) -> ObjectState:
         """The object of that name; `KeyError` when it is not in the world."""
@@ -82,6 +86,7 @@ class Stage:
     table: int
     floor: int
     objects: dict[str, int] = field(default_factory=dict)
+    particles: list[int] = field(default_factory=list)
 
     def add(self, spec: ObjectSpec) -> int:
         """Builds an object at the world's origin; returns its body id."""
@@ -115,6 +120,15 @@ class Stage:
             position = _OUT_OF_SIGHT if pose is None else pose.position.tolist()
             orientation = (0.0, 0.0, 0.0, 1.0) if pose is None else pose.orientation.tolist()
             pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=self.client)
+        self.fill(state.liquid)
+
+    def fill(self, where: Array) -> None:
+        """Has particles of liquid at (n, 3), in m, and no others."""
+        if len(where) != len(self.particles):
+            for body in self.particles:
+                pybullet.removeBody(body, physicsClientId=self.client)
+            self.particles = liquid.build(self.client, where)
+        liquid.apply(self.client, self.particles, where)
 
 
 def build(client: int, specs: Iterable[ObjectSpec] = ()) -> Stage:

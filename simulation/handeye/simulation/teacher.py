@@ -1,14 +1,14 @@
 """The teacher: plays the person with the teach pendant, in a process of its own.
 
-It may use truth (where the cup stands) and inverse kinematics, because a person sees the cup and leads the arm by
+It may use truth (where things stand) and inverse kinematics, because a person sees the cup and leads the arm by
 hand. The coordinator gets from it only "look now", what the gripper does, and where demonstrations begin and end:
 images and joint readings it takes itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from handeye.client import Client
 from handeye.robot_bridge.driver import Pace, Watch
 from handeye.robot_bridge.remote import RemoteRobot
-from handeye.rpc.errors import DeadlineExceeded, InvalidArgument, OutOfLimits, Unreachable
-from handeye.simulation import grasping, gripper, kinematics, rig
+from handeye.rpc.errors import DeadlineExceeded, Unreachable
+from handeye.simulation import kinematics
 from handeye.simulation.lab import LabClient
-from handeye.simulation.objects import ObjectSpec
+from handeye.simulation.lessons import Lesson, Move
 from handeye.simulation.places import Place
+from handeye.simulation.scatter import STEADY, Clumsiness
 from handeye.simulation.scene import WORKSPACE_CENTRE, WORKSPACE_SIZE
 
 Array = NDArray[np.float64]
@@ -34,178 +35,97 @@ REST_LIMIT = 2.0
 
 PACE = Pace(0.6, 0.6)
 
-
-@dataclass(frozen=True, slots=True)
-class Scatter:
-    """How small motions around a posture are drawn: ± m along the tool's axes x, y, z, and ± rad about each of them.
-
-    `forward` and `backward` bound z, the approach direction, apart. Half of the motions are drawn from the whole
-    range, the other half from ever smaller shares of it: the last looks before a goal are the closest ones.
-    """
-
-    count: int
-    x: float
-    y: float
-    backward: float
-    forward: float
-    angle: float
-
-    def draw(self, pose: Array, random: np.random.Generator) -> list[Array]:
-        """`count` poses (4, 4) around `pose`, world_from_tool."""
-        return [
-            self._one(pose, random, 1.0 if number % 2 == 0 else 0.5 ** random.uniform(1, 4))
-            for number in range(self.count)
-        ]
-
-    def _one(self, pose: Array, random: np.random.Generator, share: float) -> Array:
-        offset = random.uniform([-self.x, -self.y, -self.backward], [self.x, self.y, self.forward]) * share
-        change = np.eye(4)
-        change[:3, :3] = _rotation(random.uniform(-self.angle, self.angle, 3) * share)
-        change[:3, 3] = offset
-        moved: Array = pose @ change
-        return moved
-
-
-@dataclass(frozen=True, slots=True)
-class Clumsiness:
-    """How far off a teacher leads the hand to each posture that is to be learned: standard deviations along (m) and
-    about (rad) each of the tool's axes."""
-
-    position: float
-    angle: float
-
-    def off(self, pose: Array, random: np.random.Generator) -> Array:
-        """Where the hand comes, (4, 4), when it should come to `pose`."""
-        change = np.eye(4)
-        change[:3, :3] = _rotation(random.normal(0.0, self.angle, 3))
-        change[:3, 3] = random.normal(0.0, self.position, 3)
-        moved: Array = pose @ change
-        return moved
-
-
-STEADY = Clumsiness(0.0, 0.0)
-CLUMSY = Clumsiness(0.005, np.radians(2.0))
-
-AROUND_APPROACH = Scatter(count=10, x=0.03, y=0.03, backward=0.03, forward=0.03, angle=np.radians(3.0))
-AROUND_GRASP = Scatter(count=10, x=0.015, y=0.008, backward=0.04, forward=0.0, angle=np.radians(2.0))
-"""Around the grasp the cup stands between the fingers: no motion may touch it."""
-
-_MOVED = 0.01
-"""An object that the hand moves further than this, in m, before it is grasped is in its way."""
-
 BACKGROUNDS = 2
 """Pictures of the empty table: they differ by their noise."""
 
-WAY_POINTS = {"approach": 4, "grasp": 2, "lift": 2}
-"""Subtask → looks on the way between its first and its last posture."""
+WAY_PACE = Pace(0.2, 0.5)
+"""Of a way that nobody looks at: liquid is poured."""
 
 
 class Teacher:
-    """Shows one task with one object to a coordinator, on a robot whose control lease it holds meanwhile."""
+    """Shows a lesson to a coordinator, on a robot whose control lease it holds meanwhile."""
 
     def __init__(
         self,
         robot: RemoteRobot,
         lab: LabClient,
         client: Client,
-        spec: ObjectSpec,
+        lesson: Lesson,
         task: str,
         watch: Watch,
         clumsiness: Clumsiness = STEADY,
     ) -> None:
-        """`watch` is called at every control step; what it raises brakes the arm and ends the teaching."""
+        """`task`: what the coordinator calls it; `watch` is called at every control step, raising ends the teaching."""
         self._robot = robot
         self._lab = lab
         self._client = client
-        self._spec = spec
+        self._lesson = lesson
         self._task = task
         self._watch = watch
         self._clumsiness = clumsiness
 
-    def register_object(self, seed: int) -> None:
-        """Shows the coordinator the empty table, then the object at a few places: it learns what it looks like."""
-        self._lab.reset(seed)
-        with self._robot.lease():
-            for _ in range(BACKGROUNDS):
-                self._client.add_background(self._spec.name, self._fresh())
-            for number, (x, y) in enumerate(_registration_places()):
-                self._lab.place(self._spec, (x, y), yaw=0.5 + 1.3 * number)
-                self._client.add_example(self._spec.name, self._fresh())
+    def register_objects(self, seed: int) -> None:
+        """Shows the coordinator the empty table, then each object at a few places: it learns what they look like."""
+        for spec in self._lesson.objects:
+            self._lab.reset(seed)
+            with self._robot.lease():
+                for _ in range(BACKGROUNDS):
+                    self._client.add_background(spec.name, self._fresh())
+                for number, (x, y) in enumerate(_registration_places()):
+                    self._lab.place(spec, (x, y), yaw=0.5 + 1.3 * number)
+                    self._client.add_example(spec.name, self._fresh())
 
-    def demonstrate(self, place: Place, random: np.random.Generator, on_look: Callable[[], None]) -> bool:
-        """One taught sequence with the object at `place`: approach, grasp, close, lift. `random` draws the motions.
+    def demonstrate(self, places: Sequence[Place], random: np.random.Generator, on_look: Callable[[], None]) -> str:
+        """The lesson once with its objects at `places`. `random` draws the small motions.
 
-        False when the object was not lifted: then the teacher says that it was a failure.
+        Returns the demonstration's id.
         """
-        postures = self._set_out(place)
-        if self._clumsiness != STEADY:
-            postures = {
-                name: near(self._clumsiness.off(kinematics.forward(joints), random), joints)
-                for name, joints in postures.items()
-            }
+        self._lab.reset(places[0].seed)
+        for spec, place in zip(self._lesson.objects, places, strict=True):
+            self._lab.place(spec, (place.x, place.y), place.yaw)
+        moves = self._lesson.plan(self._lab.world())
         with self._robot.lease():
-            demonstration = self._client.begin_demonstration(self._task, self._spec.name).id
-            recorder = _Recorder(self._client, demonstration, self._settle, on_look)
-            self._subtask(recorder, "approach", postures["approach"], AROUND_APPROACH, random)
-            self._subtask(recorder, "grasp", postures["grasp"], AROUND_GRASP, random)
-            self._robot.close_gripper(self._watch)
-            recorder.action("grasp", "close_gripper")
-            self._subtask(recorder, "lift", postures["lift"], None, random)
+            shown = self._client.begin_demonstration(self._task, self._lesson.objects[0].name).id
+            recorder = _Recorder(self._client, shown, self._settle, on_look)
+            for move in moves:
+                self._show(recorder, self._led(move, random), random)
             recorder.finish()
-        if not (lifted := self._lifted()):
-            self._client.label_demonstration(demonstration, "failure")
-        return lifted
+        return shown
 
-    def can_grasp(self, place: Place) -> bool:
-        """Whether the object can be grasped and lifted at `place`, seen by both cameras all the while; by trying it."""
-        try:
-            postures = self._set_out(place)
-        except (Unreachable, InvalidArgument):
-            return False
-        stands = self._lab.world().object(self._spec.name).pose.position
-        with self._robot.lease():
-            try:
-                for posture in postures.values():
-                    self._move(posture)
-                    world = self._lab.world()
-                    shown = (world.object(self._spec.name).pose.position, gripper.marker_place(world.tool.matrix()))
-                    if not all(rig.in_view(point, *rig.rig().head.home) for point in shown):
-                        return False
-                    if posture is postures["grasp"]:
-                        if np.linalg.norm(world.object(self._spec.name).pose.position - stands) > _MOVED:
-                            return False
-                        self._robot.close_gripper(self._watch)
-            except OutOfLimits:
-                return False
-        return self._lifted()
+    def _led(self, move: Move, random: np.random.Generator) -> Move:
+        """The move as this teacher makes it."""
+        if self._clumsiness == STEADY:
+            return move
+        return replace(move, goal=near(self._clumsiness.off(kinematics.forward(move.goal), random), move.goal))
 
-    def _set_out(self, place: Place) -> dict[str, Array]:
-        """Puts the object at `place` in a new world; the postures of the subtasks' ends."""
-        self._lab.reset(place.seed)
-        self._lab.place(self._spec, (place.x, place.y), place.yaw)
-        truth = self._lab.world().object(self._spec.name).pose.position
-        return grasping.solve_chain(truth[:2], height=float(truth[2]))
-
-    def _lifted(self) -> bool:
-        return bool(self._lab.world().object(self._spec.name).pose.position[2] > grasping.LIFT_HEIGHT)
-
-    def _subtask(
-        self, recorder: _Recorder, name: str, goal: Array, scatter: Scatter | None, random: np.random.Generator
-    ) -> None:
-        """From where the arm is to `goal`: looks at the start, on the way, at the goal, and scattered around it."""
+    def _show(self, recorder: _Recorder, move: Move, random: np.random.Generator) -> None:
+        """From where the arm is to the goal: looks at the start, on the way, at the goal, and scattered around it."""
         start = self._robot.state().joints
-        recorder.look(name, key=True)
-        for share in np.linspace(0.0, 1.0, WAY_POINTS[name] + 2)[1:-1]:
-            self._move(start + share * (goal - start))
-            recorder.look(name)
-        self._move(goal)
-        recorder.look(name, goal=True)
-        if scatter is None:
-            return
-        for pose in scatter.draw(kinematics.forward(goal), random):
-            self._move(near(pose, goal))
-            recorder.look(name)
-        self._move(goal)
+        recorder.look(move, key=True)
+        for share in np.linspace(0.0, 1.0, move.looks + 2)[1:-1]:
+            self._move(start + share * (move.goal - start))
+            recorder.look(move)
+        self._move(move.goal)
+        recorder.look(move, goal=True)
+        if move.scatter is not None:
+            for pose in move.scatter.draw(kinematics.forward(move.goal), random):
+                self._move(near(pose, move.goal))
+                recorder.look(move)
+            self._move(move.goal)
+        if move.way:
+            recorder.look(move)  # the way's time counts from here
+        for step in move.way:
+            if isinstance(step, float):
+                self._robot.advance(step, self._watch)
+            else:
+                self._robot.move_to_joints(step, WAY_PACE, self._watch)
+            recorder.pass_by(move)
+        if move.action == "close_gripper":
+            self._robot.close_gripper(self._watch)
+        elif move.action == "open_gripper":
+            self._robot.open_gripper(self._watch)
+        if move.action is not None:
+            recorder.action(move.subtask, move.action)
 
     def _move(self, joints: Array) -> None:
         self._robot.move_to_joints(joints, PACE, self._watch)
@@ -237,21 +157,19 @@ class _Recorder:
         self._settle = settle
         self._on_look = on_look
 
-    def look(self, subtask: str, *, goal: bool = False, key: bool = False) -> None:
+    def look(self, move: Move, *, goal: bool = False, key: bool = False) -> None:
         self._settle()
-        self._client.observe(self._demonstration, subtask, goal=goal, key=key)
+        self._client.observe(self._demonstration, move.subtask, object_name=move.towards, goal=goal, key=key)
         self._on_look()
+
+    def pass_by(self, move: Move) -> None:
+        self._client.add_waypoint(self._demonstration, move.subtask)
 
     def action(self, subtask: str, action: Literal["close_gripper", "open_gripper"]) -> None:
         self._client.mark_action(self._demonstration, subtask, action)
 
     def finish(self) -> None:
         self._client.finish_demonstration(self._demonstration)
-
-
-def looks_per_demonstration() -> int:
-    """How many observations one taught sequence has."""
-    return sum(WAY_POINTS.values()) + 2 * len(WAY_POINTS) + AROUND_APPROACH.count + AROUND_GRASP.count
 
 
 def near(pose: Array, joints: Array) -> Array:
@@ -266,14 +184,3 @@ def _registration_places() -> list[Array]:
     """Four places of the workspace, away from its edges and from each other."""
     offsets = np.array([[-0.25, -0.3], [0.3, -0.15], [-0.1, 0.3], [0.15, 0.1]])
     return list(WORKSPACE_CENTRE + WORKSPACE_SIZE * offsets)
-
-
-def _rotation(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector (3,) in rad (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return rotation

@@ -20,34 +20,38 @@ from handeye.rpc import Bus, BusSettings, LabBusSettings
 from handeye.rpc.errors import Cancelled
 from handeye.rpc.process import until_stopped
 from handeye.simulation.lab import LabClient
+from handeye.simulation.lessons import LESSONS
 from handeye.simulation.objects import CUPS, ObjectSpec
-from handeye.simulation.places import Purpose, draw, generator
-from handeye.simulation.teacher import Teacher, looks_per_demonstration
+from handeye.simulation.places import Purpose, generator
+from handeye.simulation.teacher import Teacher
 
 
 def teach(
-    *, demonstrations: int, seed: int, task: str, object_name: str, state_dir: Path | None, watch_parent: bool
+    *,
+    demonstrations: int,
+    seed: int,
+    task: str,
+    object_name: str,
+    state_dir: Path | None,
+    watch_parent: bool,
+    lesson: str = "grasp",
 ) -> None:
-    """Shows `demonstrations` sequences of `task` to a running stack (see `joined`) and trains it.
+    """Shows `demonstrations` sequences of a lesson, as `task`, to a running stack (see `joined`) and trains it.
 
     Ends early, with the arm braked, by `Cancelled`: on TERM, on Ctrl-C, and with `watch_parent` when stdin ends.
     """
-    spec = _catalogued(object_name)
+    shown = LESSONS[lesson](_catalogued(object_name))
     with ExitStack() as opened:
         stop = opened.enter_context(until_stopped(watch_parent))
         robot, lab, client = opened.enter_context(joined(state_dir))
         bar = opened.enter_context(progress(Console(stderr=True)))
-        teacher = Teacher(robot, lab, client, spec, task, lambda _share: check(stop))
-        teacher.register_object(seed)
+        teacher = Teacher(robot, lab, client, shown, task, lambda _share: check(stop))
+        teacher.register_objects(seed)
         motions = generator(seed, Purpose.MOTIONS)
-        work = bar.add_task(f"teaching {task!r}", total=demonstrations * looks_per_demonstration())
-
-        def on_look() -> None:
-            check(stop)
+        work = bar.add_task(f"teaching {task!r}", total=demonstrations)
+        for places in shown.draw(seed, Purpose.TEACHING, demonstrations):
+            teacher.demonstrate(places, motions, lambda: check(stop))
             bar.advance(work)
-
-        for place in draw(seed, Purpose.TEACHING, demonstrations):
-            teacher.demonstrate(place, motions, on_look)
         client.train(task)
 
 

@@ -35,6 +35,14 @@ class What(StrEnum):
     WIDE = "wide"
     RESILIENCE = "resilience"
     SUPPORT = "support"
+    POUR = "pour"
+
+
+class Shown(StrEnum):
+    """What can be taught."""
+
+    GRASP = "grasp"
+    POUR = "pour"
 
 
 def register(app: typer.Typer) -> None:
@@ -44,12 +52,13 @@ def register(app: typer.Typer) -> None:
     def teach(
         demonstrations: Annotated[int, typer.Option(min=1, help="How many sequences to show.")] = 10,
         seed: Annotated[int, typer.Option(min=0, help="Seed of the places and of the small motions.")] = 1,
-        task: Annotated[str, typer.Option(help="Name of the task.")] = "grasp",
+        lesson: Annotated[Shown, typer.Option(help="What to show.")] = Shown.GRASP,
+        task: Annotated[str | None, typer.Option(help="Name of the task; else the lesson's.")] = None,
         object_name: Annotated[str, typer.Option("--object", help="Which cup of the catalogue.")] = "blue cup",
         state_dir: Annotated[Path | None, typer.Option(help="State directory of the `handeye up` to teach.")] = None,
         watch_parent: Annotated[bool, typer.Option("--watch-parent", help="End when stdin ends.")] = False,
     ) -> None:
-        """Show a running `handeye up` how to grasp a cup, as a person with the teach pendant would, and train it."""
+        """Show a running `handeye up` a task with a cup, as a person with the teach pendant would, and train it."""
         # Here, not above: every `handeye` command imports this module, few need what teaching needs.
         with silence():
             from handeye.simulation.teaching import teach as run
@@ -57,7 +66,8 @@ def register(app: typer.Typer) -> None:
         run(
             demonstrations=demonstrations,
             seed=seed,
-            task=task,
+            lesson=lesson.value,
+            task=task or lesson.value,
             object_name=object_name,
             state_dir=state_dir,
             watch_parent=watch_parent,

@@ -15,7 +15,7 @@ import pybullet
 from numpy.typing import NDArray
 
 from handeye.rpc.errors import Busy, Internal, InvalidArgument
-from handeye.simulation import gripper, kinematics, placement, scene
+from handeye.simulation import gripper, kinematics, liquid, placement, scene
 from handeye.simulation.clock import RealtimeClock
 from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.controllers import ArmController, GripperController
@@ -34,11 +34,12 @@ Clock = Literal["lockstep", "realtime"]
 
 _SOLVER_ITERATIONS = 60
 _PLACEMENT_STEPS = 48
+_FILLING_STEPS = 240
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What stands in the world; `version` changes with every reset and every object placed, held or removed."""
+    """What stands in the world; `version` changes with every reset and every object placed, held, filled, removed."""
 
     version: int
     objects: tuple[ObjectSpec, ...]
@@ -302,19 +303,48 @@ class World:
             self._put(spec, placement.checked(spec, pose), fixed=True)
             return self.scene()
 
+    def fill(self, name: str, particles: int) -> Scene:
+        """Fills liquid into a cup that stands upright and lets it settle, which takes 1 s of world time.
+
+        Physics with it is several times slower: liquid is only where it is asked for. `reset` takes it away.
+
+        Raises:
+            Busy: during a motion, or while the robot lets time pass.
+            InvalidArgument: there is no such object, it holds no liquid or not so much, or there is liquid already.
+        """
+        with self.lock:
+            self._require_open()
+            self._require_idle()
+            spec = self._known(name)
+            if self._stage.particles:
+                raise InvalidArgument("there is liquid in the world already; reset the world first", detail="name")
+            if particles < 1:
+                raise InvalidArgument(f"at least one particle must be filled in, got {particles}", detail="particles")
+            pose = self.state().object(name).pose
+            where = liquid.places(spec, pose, particles, np.random.default_rng(self._seed))
+            self._stage.fill(where)
+            self._changed()
+            for _ in range(_FILLING_STEPS):
+                self.step()
+            return self.scene()
+
     def remove(self, name: str) -> Scene:
         """Takes an object away; `InvalidArgument` when there is none of that name."""
         with self.lock:
             self._require_open()
-            if name not in self._specs:
-                known = ", ".join(self._specs) or "none"
-                raise InvalidArgument(f"no object {name!r} is in the world; there are: {known}")
+            self._known(name)
             del self._specs[name]
             self._stage.remove(name)
             self._changed()
             return self.scene()
 
     # Inside
+
+    def _known(self, name: str) -> ObjectSpec:
+        if name not in self._specs:
+            known = ", ".join(self._specs) or "none"
+            raise InvalidArgument(f"no object {name!r} is in the world; there are: {known}", detail="name")
+        return self._specs[name]
 
     def _put(self, spec: ObjectSpec, pose: Pose, *, fixed: bool = False) -> None:
         placement.put(self._stage, spec, pose, fixed=fixed)
@@ -367,11 +397,13 @@ class World:
         return max(abs(state[1]) for state in states[:6]), max(abs(state[1]) for state in states[6:])
 
     def _row(self) -> Row:
-        """Joints, fingers and objects as they are."""
+        """Joints, fingers, objects and liquid as they are."""
         numbers = [*self._joints, *self._fingers]
         for body in self._stage.objects.values():
             position, orientation = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
             numbers += [*position, *orientation, *self._touches(body)]
+        if self._stage.particles:
+            numbers += liquid.read(self._client, self._stage.particles).ravel().tolist()
         return Row(self._version, tuple(self._stage.objects), np.array(numbers))
 
     def _touches(self, body: int) -> tuple[bool, bool]:

@@ -70,7 +70,14 @@ def show(connection: Connection, random: np.random.Generator, samples: int) -> s
             connection,
             name,
             Observation(
-                number, "grasp", float(number), ImagePair(place, place), random.normal(size=6), number == 11, True
+                number,
+                "grasp",
+                "blue cup",
+                float(number),
+                ImagePair(place, place),
+                random.normal(size=6),
+                goal=number == 11,
+                key=True,
             ),
         )
     demonstrations.add_action(connection, name, "grasp", "close_gripper")

@@ -71,11 +71,24 @@ class AsyncTeachingCalls(AsyncJobCalls):
         return await self._post_once(Demonstration, "/v1/demonstrations", {"task": task, "object": object_name})
 
     async def observe(
-        self, demonstration_id: str, subtask: str, *, goal: bool = False, key: bool = False
+        self,
+        demonstration_id: str,
+        subtask: str,
+        *,
+        object_name: str | None = None,
+        goal: bool = False,
+        key: bool = False,
     ) -> Observation:
-        """Looks and reads the joints, with the arm at rest. `goal`: the subtask ends here; `key`: it begins here."""
-        body = {"subtask": subtask, "goal": goal, "key": key}
+        """Looks and reads the joints, with the arm at rest. `goal`: the subtask ends here; `key`: it begins here.
+
+        `object_name`: what the subtask is towards; None: the demonstration's object.
+        """
+        body = {"subtask": subtask, "object": object_name, "goal": goal, "key": key}
         return await self._post_once(Observation, f"{_path(demonstration_id)}/observations", body)
+
+    async def add_waypoint(self, demonstration_id: str, subtask: str) -> Observation:
+        """Reads the joints, with the arm at rest, without looking: a point of the way that goes on from the goal."""
+        return await self._post_once(Observation, f"{_path(demonstration_id)}/waypoints", {"subtask": subtask})
 
     async def mark_action(
         self, demonstration_id: str, subtask: str, action: Literal["close_gripper", "open_gripper"]

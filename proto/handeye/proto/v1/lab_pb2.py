@@ -24,7 +24,7 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1ahandeye/proto/v1/lab.proto\x12\x10handeye.proto.v1\"-\n\x04Pose\x12\x10\n\x08position\x18\x01 \x03(\x01\x12\x13\n\x0borientation\x18\x02 \x03(\x01\"t\n\nObjectSpec\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05shape\x18\x02 \x01(\t\x12\x0e\n\x06radius\x18\x03 \x01(\x01\x12\x0e\n\x06height\x18\x04 \x01(\x01\x12\x0c\n\x04wall\x18\x05 \x01(\x01\x12\x0c\n\x04mass\x18\x06 \x01(\x01\x12\r\n\x05\x63olor\x18\x07 \x03(\x01\"\xa7\x01\n\x05Scene\x12\x0f\n\x07version\x18\x01 \x01(\x04\x12-\n\x07objects\x18\x02 \x03(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12\x0c\n\x04seed\x18\x03 \x01(\x04\x12\x0f\n\x07profile\x18\x04 \x01(\t\x12\r\n\x05\x63lock\x18\x05 \x01(\t\x12\x30\n\nconditions\x18\x06 \x01(\x0b\x32\x1c.handeye.proto.v1.Conditions\"t\n\nObjectPose\x12\x0c\n\x04name\x18\x01 \x01(\t\x12$\n\x04pose\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\x12\x18\n\x10touches_finger_1\x18\x03 \x01(\x08\x12\x18\n\x10touches_finger_2\x18\x04 \x01(\x08\"\xad\x01\n\nWorldState\x12\x12\n\nworld_time\x18\x01 \x01(\x01\x12\x15\n\rscene_version\x18\x02 \x01(\x04\x12\x0e\n\x06joints\x18\x03 \x03(\x01\x12\x0f\n\x07\x66ingers\x18\x04 \x03(\x01\x12$\n\x04tool\x18\x05 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\x12-\n\x07objects\x18\x06 \x03(\x0b\x32\x1c.handeye.proto.v1.ObjectPose\"\x16\n\x14\x44\x65scribeSceneRequest\"%\n\x0fGetWorldRequest\x12\x12\n\nworld_time\x18\x01 \x01(\x01\">\n\x11GetHistoryRequest\x12\r\n\x05start\x18\x01 \x01(\x01\x12\x0b\n\x03\x65nd\x18\x02 \x01(\x01\x12\r\n\x05\x65very\x18\x03 \x01(\x01\"<\n\x0cWorldHistory\x12,\n\x06states\x18\x01 \x03(\x0b\x32\x1c.handeye.proto.v1.WorldState\"S\n\x11ResetWorldRequest\x12\x0c\n\x04seed\x18\x01 \x01(\x04\x12\x30\n\nconditions\x18\x02 \x01(\x0b\x32\x1c.handeye.proto.v1.Conditions\"c\n\nConditions\x12\x0f\n\x07opening\x18\x01 \x01(\x01\x12\x15\n\rjoint_offsets\x18\x02 \x03(\x01\x12\x11\n\thead_bump\x18\x03 \x03(\x01\x12\x0c\n\x04push\x18\x04 \x03(\x01\x12\x0c\n\x04slip\x18\x05 \x01(\x01\"a\n\x12PlaceObjectRequest\x12,\n\x06object\x18\x01 \x01(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12\x10\n\x08position\x18\x02 \x03(\x01\x12\x0b\n\x03yaw\x18\x03 \x01(\x01\"g\n\x11HoldObjectRequest\x12,\n\x06object\x18\x01 \x01(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12$\n\x04pose\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\"#\n\x13RemoveObjectRequest\x12\x0c\n\x04name\x18\x01 \x01(\t2\xad\x04\n\x03Lab\x12P\n\rDescribeScene\x12&.handeye.proto.v1.DescribeSceneRequest\x1a\x17.handeye.proto.v1.Scene\x12K\n\x08GetWorld\x12!.handeye.proto.v1.GetWorldRequest\x1a\x1c.handeye.proto.v1.WorldState\x12Q\n\nGetHistory\x12#.handeye.proto.v1.GetHistoryRequest\x1a\x1e.handeye.proto.v1.WorldHistory\x12J\n\nResetWorld\x12#.handeye.proto.v1.ResetWorldRequest\x1a\x17.handeye.proto.v1.Scene\x12L\n\x0bPlaceObject\x12$.handeye.proto.v1.PlaceObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12J\n\nHoldObject\x12#.handeye.proto.v1.HoldObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12N\n\x0cRemoveObject\x12%.handeye.proto.v1.RemoveObjectRequest\x1a\x17.handeye.proto.v1.Sceneb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1ahandeye/proto/v1/lab.proto\x12\x10handeye.proto.v1\"-\n\x04Pose\x12\x10\n\x08position\x18\x01 \x03(\x01\x12\x13\n\x0borientation\x18\x02 \x03(\x01\"t\n\nObjectSpec\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05shape\x18\x02 \x01(\t\x12\x0e\n\x06radius\x18\x03 \x01(\x01\x12\x0e\n\x06height\x18\x04 \x01(\x01\x12\x0c\n\x04wall\x18\x05 \x01(\x01\x12\x0c\n\x04mass\x18\x06 \x01(\x01\x12\r\n\x05\x63olor\x18\x07 \x03(\x01\"\xa7\x01\n\x05Scene\x12\x0f\n\x07version\x18\x01 \x01(\x04\x12-\n\x07objects\x18\x02 \x03(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12\x0c\n\x04seed\x18\x03 \x01(\x04\x12\x0f\n\x07profile\x18\x04 \x01(\t\x12\r\n\x05\x63lock\x18\x05 \x01(\t\x12\x30\n\nconditions\x18\x06 \x01(\x0b\x32\x1c.handeye.proto.v1.Conditions\"t\n\nObjectPose\x12\x0c\n\x04name\x18\x01 \x01(\t\x12$\n\x04pose\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\x12\x18\n\x10touches_finger_1\x18\x03 \x01(\x08\x12\x18\n\x10touches_finger_2\x18\x04 \x01(\x08\"\xbd\x01\n\nWorldState\x12\x12\n\nworld_time\x18\x01 \x01(\x01\x12\x15\n\rscene_version\x18\x02 \x01(\x04\x12\x0e\n\x06joints\x18\x03 \x03(\x01\x12\x0f\n\x07\x66ingers\x18\x04 \x03(\x01\x12$\n\x04tool\x18\x05 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\x12-\n\x07objects\x18\x06 \x03(\x0b\x32\x1c.handeye.proto.v1.ObjectPose\x12\x0e\n\x06liquid\x18\x07 \x03(\x01\"\x16\n\x14\x44\x65scribeSceneRequest\"%\n\x0fGetWorldRequest\x12\x12\n\nworld_time\x18\x01 \x01(\x01\">\n\x11GetHistoryRequest\x12\r\n\x05start\x18\x01 \x01(\x01\x12\x0b\n\x03\x65nd\x18\x02 \x01(\x01\x12\r\n\x05\x65very\x18\x03 \x01(\x01\"<\n\x0cWorldHistory\x12,\n\x06states\x18\x01 \x03(\x0b\x32\x1c.handeye.proto.v1.WorldState\"S\n\x11ResetWorldRequest\x12\x0c\n\x04seed\x18\x01 \x01(\x04\x12\x30\n\nconditions\x18\x02 \x01(\x0b\x32\x1c.handeye.proto.v1.Conditions\"c\n\nConditions\x12\x0f\n\x07opening\x18\x01 \x01(\x01\x12\x15\n\rjoint_offsets\x18\x02 \x03(\x01\x12\x11\n\thead_bump\x18\x03 \x03(\x01\x12\x0c\n\x04push\x18\x04 \x03(\x01\x12\x0c\n\x04slip\x18\x05 \x01(\x01\"a\n\x12PlaceObjectRequest\x12,\n\x06object\x18\x01 \x01(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12\x10\n\x08position\x18\x02 \x03(\x01\x12\x0b\n\x03yaw\x18\x03 \x01(\x01\"g\n\x11HoldObjectRequest\x12,\n\x06object\x18\x01 \x01(\x0b\x32\x1c.handeye.proto.v1.ObjectSpec\x12$\n\x04pose\x18\x02 \x01(\x0b\x32\x16.handeye.proto.v1.Pose\"4\n\x11\x46illObjectRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x11\n\tparticles\x18\x02 \x01(\r\"#\n\x13RemoveObjectRequest\x12\x0c\n\x04name\x18\x01 \x01(\t2\xf9\x04\n\x03Lab\x12P\n\rDescribeScene\x12&.handeye.proto.v1.DescribeSceneRequest\x1a\x17.handeye.proto.v1.Scene\x12K\n\x08GetWorld\x12!.handeye.proto.v1.GetWorldRequest\x1a\x1c.handeye.proto.v1.WorldState\x12Q\n\nGetHistory\x12#.handeye.proto.v1.GetHistoryRequest\x1a\x1e.handeye.proto.v1.WorldHistory\x12J\n\nResetWorld\x12#.handeye.proto.v1.ResetWorldRequest\x1a\x17.handeye.proto.v1.Scene\x12L\n\x0bPlaceObject\x12$.handeye.proto.v1.PlaceObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12J\n\nHoldObject\x12#.handeye.proto.v1.HoldObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12J\n\nFillObject\x12#.handeye.proto.v1.FillObjectRequest\x1a\x17.handeye.proto.v1.Scene\x12N\n\x0cRemoveObject\x12%.handeye.proto.v1.RemoveObjectRequest\x1a\x17.handeye.proto.v1.Sceneb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -40,25 +40,27 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_OBJECTPOSE']._serialized_start=383
   _globals['_OBJECTPOSE']._serialized_end=499
   _globals['_WORLDSTATE']._serialized_start=502
-  _globals['_WORLDSTATE']._serialized_end=675
-  _globals['_DESCRIBESCENEREQUEST']._serialized_start=677
-  _globals['_DESCRIBESCENEREQUEST']._serialized_end=699
-  _globals['_GETWORLDREQUEST']._serialized_start=701
-  _globals['_GETWORLDREQUEST']._serialized_end=738
-  _globals['_GETHISTORYREQUEST']._serialized_start=740
-  _globals['_GETHISTORYREQUEST']._serialized_end=802
-  _globals['_WORLDHISTORY']._serialized_start=804
-  _globals['_WORLDHISTORY']._serialized_end=864
-  _globals['_RESETWORLDREQUEST']._serialized_start=866
-  _globals['_RESETWORLDREQUEST']._serialized_end=949
-  _globals['_CONDITIONS']._serialized_start=951
-  _globals['_CONDITIONS']._serialized_end=1050
-  _globals['_PLACEOBJECTREQUEST']._serialized_start=1052
-  _globals['_PLACEOBJECTREQUEST']._serialized_end=1149
-  _globals['_HOLDOBJECTREQUEST']._serialized_start=1151
-  _globals['_HOLDOBJECTREQUEST']._serialized_end=1254
-  _globals['_REMOVEOBJECTREQUEST']._serialized_start=1256
-  _globals['_REMOVEOBJECTREQUEST']._serialized_end=1291
-  _globals['_LAB']._serialized_start=1294
-  _globals['_LAB']._serialized_end=1851
+  _globals['_WORLDSTATE']._serialized_end=691
+  _globals['_DESCRIBESCENEREQUEST']._serialized_start=693
+  _globals['_DESCRIBESCENEREQUEST']._serialized_end=715
+  _globals['_GETWORLDREQUEST']._serialized_start=717
+  _globals['_GETWORLDREQUEST']._serialized_end=754
+  _globals['_GETHISTORYREQUEST']._serialized_start=756
+  _globals['_GETHISTORYREQUEST']._serialized_end=818
+  _globals['_WORLDHISTORY']._serialized_start=820
+  _globals['_WORLDHISTORY']._serialized_end=880
+  _globals['_RESETWORLDREQUEST']._serialized_start=882
+  _globals['_RESETWORLDREQUEST']._serialized_end=965
+  _globals['_CONDITIONS']._serialized_start=967
+  _globals['_CONDITIONS']._serialized_end=1066
+  _globals['_PLACEOBJECTREQUEST']._serialized_start=1068
+  _globals['_PLACEOBJECTREQUEST']._serialized_end=1165
+  _globals['_HOLDOBJECTREQUEST']._serialized_start=1167
+  _globals['_HOLDOBJECTREQUEST']._serialized_end=1270
+  _globals['_FILLOBJECTREQUEST']._serialized_start=1272
+  _globals['_FILLOBJECTREQUEST']._serialized_end=1324
+  _globals['_REMOVEOBJECTREQUEST']._serialized_start=1326
+  _globals['_REMOVEOBJECTREQUEST']._serialized_end=1361
+  _globals['_LAB']._serialized_start=1364
+  _globals['_LAB']._serialized_end=1997
 # @@protoc_insertion_point(module_scope)

@@ -111,7 +111,7 @@ class Scene(_message.Message):
     CLOCK_FIELD_NUMBER: _builtins.int
     CONDITIONS_FIELD_NUMBER: _builtins.int
     version: _builtins.int
-    """Changes with every reset, with every object placed, held or removed."""
+    """Changes with every reset, with every object placed, held, filled or removed."""
     seed: _builtins.int
     """Seed of the last reset; sensors in simulation draw their noise from it."""
     profile: _builtins.str
@@ -192,6 +192,7 @@ class WorldState(_message.Message):
     FINGERS_FIELD_NUMBER: _builtins.int
     TOOL_FIELD_NUMBER: _builtins.int
     OBJECTS_FIELD_NUMBER: _builtins.int
+    LIQUID_FIELD_NUMBER: _builtins.int
     world_time: _builtins.float
     """World time in s."""
     scene_version: _builtins.int
@@ -212,6 +213,10 @@ class WorldState(_message.Message):
     def objects(self) -> _containers.RepeatedCompositeFieldContainer[Global___ObjectPose]:
         """The objects."""
 
+    @_builtins.property
+    def liquid(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """Where the particles of liquid are: x, y and z of each in turn, in m, world frame."""
+
     def __init__(
         self,
         *,
@@ -221,10 +226,11 @@ class WorldState(_message.Message):
         fingers: _abc.Iterable[_builtins.float] | None = ...,
         tool: Global___Pose | None = ...,
         objects: _abc.Iterable[Global___ObjectPose] | None = ...,
+        liquid: _abc.Iterable[_builtins.float] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["tool", b"tool"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["fingers", b"fingers", "joints", b"joints", "objects", b"objects", "scene_version", b"scene_version", "tool", b"tool", "world_time", b"world_time"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["fingers", b"fingers", "joints", b"joints", "liquid", b"liquid", "objects", b"objects", "scene_version", b"scene_version", "tool", b"tool", "world_time", b"world_time"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -458,6 +464,32 @@ class HoldObjectRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___HoldObjectRequest: _TypeAlias = HoldObjectRequest  # noqa: Y015
+
+@_typing.final
+class FillObjectRequest(_message.Message):
+    """Asks for liquid to be filled into a cup."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    PARTICLES_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    """Name of the object."""
+    particles: _builtins.int
+    """How many particles."""
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        particles: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["name", b"name", "particles", b"particles"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FillObjectRequest: _TypeAlias = FillObjectRequest  # noqa: Y015
 
 @_typing.final
 class RemoveObjectRequest(_message.Message):

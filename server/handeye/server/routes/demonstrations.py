@@ -8,7 +8,8 @@ from functools import partial
 from anyio import to_thread
 from fastapi import APIRouter, Response
 
-from handeye.server.demonstration import Demonstration, Observation
+from handeye.modules.spaces import ImagePoint
+from handeye.server.demonstration import Demonstration, Observation, Subtask
 from handeye.server.problem_responses import responses
 from handeye.server.routes import CameraLaneDep, CoordinatorDep, Cursor, Limit, cursor_at, place
 from handeye.server.routes.once import OnceDep
@@ -22,6 +23,7 @@ from handeye.server.schemas.demonstrations import (
     ObservationRequest,
     OutcomeRequest,
     SubtaskInfo,
+    WaypointRequest,
 )
 
 router = APIRouter(prefix="/v1/demonstrations", tags=["demonstrations"])
@@ -92,13 +94,27 @@ async def add_observation(
     """Grabs a stereo pair that shows the arm at rest, recognises object and hand, and reads the joints."""
     if (before := await to_thread.run_sync(once.known)) is not None:
         return before
-    seen = await lane.run(partial(coordinator.look, demonstration_id, request.subtask, goal=request.goal))
+    subtask, towards = request.subtask, request.object
+    seen = await lane.run(partial(coordinator.look, demonstration_id, subtask, towards, goal=request.goal))
 
     def work() -> tuple[ObservationInfo, None]:
-        observation = coordinator.record(demonstration_id, request.subtask, seen, request.goal, request.key)
+        observation = coordinator.record(demonstration_id, subtask, towards, seen, goal=request.goal, key=request.key)
         return _observation(observation), None
 
     return await to_thread.run_sync(once.reply, work)
+
+
+@router.post(
+    "/{demonstration_id}/waypoints",
+    status_code=201,
+    response_model=ObservationInfo,
+    responses=responses(404, 409, 502, 504),
+)
+def add_waypoint(
+    demonstration_id: str, request: WaypointRequest, coordinator: CoordinatorDep, once: OnceDep
+) -> Response:
+    """Reads the joints, with the arm at rest, and does not look: a point of the way that goes on from the goal."""
+    return once.reply(lambda: (_observation(coordinator.pass_by(demonstration_id, request.subtask)), None))
 
 
 @router.post(
@@ -126,8 +142,13 @@ def _info(demonstration: Demonstration) -> DemonstrationInfo:
         outcome=demonstration.outcome,
         created=datetime.fromtimestamp(demonstration.created, UTC),
         observations=len(demonstration.observations),
-        subtasks=tuple(SubtaskInfo(name=s.name, action=s.action) for s in demonstration.subtasks),
+        subtasks=tuple(map(subtask_info, demonstration.subtasks)),
     )
+
+
+def subtask_info(subtask: Subtask) -> SubtaskInfo:
+    """A subtask as it is shown."""
+    return SubtaskInfo(name=subtask.name, action=subtask.action, object=subtask.object, way=subtask.way)
 
 
 def _observation(observation: Observation) -> ObservationInfo:
@@ -135,10 +156,16 @@ def _observation(observation: Observation) -> ObservationInfo:
     return ObservationInfo(
         number=observation.number,
         subtask=observation.subtask,
+        towards=observation.object,
         goal=observation.goal,
         key=observation.key,
         world_time=observation.world_time,
-        object=(found.object.row, found.object.column, found.object.disparity),
-        hand=(found.hand.row, found.hand.column, found.hand.disparity),
+        object=_place(found.object) if found else None,
+        hand=_place(found.hand) if found else None,
         joints=tuple(observation.joints.tolist()),
+        seconds=observation.seconds,
     )
+
+
+def _place(point: ImagePoint) -> tuple[float, float, float]:
+    return point.row, point.column, point.disparity

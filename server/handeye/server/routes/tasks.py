@@ -8,9 +8,9 @@ from handeye.server.jobs import Job
 from handeye.server.problem_responses import responses
 from handeye.server.results import JobView
 from handeye.server.routes import CoordinatorDep
+from handeye.server.routes.demonstrations import subtask_info
 from handeye.server.routes.once import OnceDep
 from handeye.server.schemas.base import Name
-from handeye.server.schemas.demonstrations import SubtaskInfo
 from handeye.server.schemas.tasks import RunRequest, TaskInfo, TaskList
 from handeye.server.training import TrainedTask, TrainRequest
 
@@ -62,6 +62,6 @@ def _info(task: TrainedTask) -> TaskInfo:
     return TaskInfo(
         name=task.name,
         module=task.module_name,
-        subtasks=tuple(SubtaskInfo(name=subtask.name, action=subtask.action) for subtask in task.subtasks),
+        subtasks=tuple(map(subtask_info, task.subtasks)),
         demonstrations=task.demonstrations,
     )

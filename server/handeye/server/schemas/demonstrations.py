@@ -25,6 +25,10 @@ class SubtaskInfo(Body):
     name: str
     action: Action | None
     """What the gripper does at the end."""
+    object: str | None
+    """What it is towards; null: the object that the task is done with."""
+    way: tuple[float, ...]
+    """World time in s that passes on the way to each of its way-points, which nobody looks at."""
 
 
 class DemonstrationInfo(Body):
@@ -59,6 +63,8 @@ class ObservationRequest(Body):
     """Look now, with the arm at rest."""
 
     subtask: Name
+    object: Name | None = None
+    """What the subtask is towards; null: the demonstration's object."""
     goal: StrictBool = False
     """These joints are where the subtask ends."""
     key: StrictBool = False
@@ -71,22 +77,32 @@ class ObservationInfo(Body):
     number: int
     """Counts the demonstration's observations, from 0."""
     subtask: str
+    towards: str
+    """The object that the subtask is towards."""
     goal: bool
     key: bool
     world_time: float
-    """World time that the left picture shows, in s."""
-    object: Triple
-    """(row, column, disparity) in pixels."""
-    hand: Triple
-    """(row, column, disparity) in pixels."""
+    """World time that the left picture shows, or at which a way-point was told, in s."""
+    object: Triple | None
+    """(row, column, disparity) in pixels; null: a way-point, at which nobody looked."""
+    hand: Triple | None
+    """(row, column, disparity) in pixels; null: a way-point."""
     joints: tuple[float, ...]
     """In rad, base to wrist."""
+    seconds: float
+    """Of a way-point: world time that passed on the way there, in s."""
 
 
 class ObservationList(Body):
     """What was observed in a demonstration, in order."""
 
     observations: tuple[ObservationInfo, ...]
+
+
+class WaypointRequest(Body):
+    """The arm passes here, after the subtask's goal."""
+
+    subtask: Name
 
 
 class ActionRequest(Body):

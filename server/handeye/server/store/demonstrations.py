@@ -55,15 +55,18 @@ def page(connection: Connection, after: tuple[float, str] | None, limit: int) ->
 
 def add_observation(connection: Connection, name: str, observation: Observation) -> None:
     """Writes down what was observed."""
+    found = observation.found
     content = dumps(
         {
             "subtask": observation.subtask,
+            "towards": observation.object,
             "world_time": observation.world_time,
-            "object": [*observation.found.object.array().tolist(), observation.found.object_confidence],
-            "hand": [*observation.found.hand.array().tolist(), observation.found.hand_confidence],
+            "object": [*found.object.array().tolist(), found.object_confidence] if found else None,
+            "hand": [*found.hand.array().tolist(), found.hand_confidence] if found else None,
             "joints": observation.joints.tolist(),
             "goal": observation.goal,
             "key": observation.key,
+            "seconds": observation.seconds,
         }
     )
     add(connection, observations, demonstration=name, number=observation.number, content=content)
@@ -99,8 +102,9 @@ def _demonstrations(connection: Connection, which: Any) -> Iterator[Demonstratio
     names = select(demonstrations.c.id).where(which)
     observed: dict[str, list[Observation]] = defaultdict(list)
     of_these = select(observations).where(observations.c.demonstration.in_(names)).order_by(observations.c.number)
+    objects = {row["id"]: row["object"] for row in rows}
     for row in connection.execute(of_these).mappings():
-        observed[row["demonstration"]].append(_observation(dict(row)))
+        observed[row["demonstration"]].append(_observation(dict(row), objects[row["demonstration"]]))
     acted: dict[str, dict[str, Any]] = defaultdict(dict)
     for row in connection.execute(select(gripper_actions).where(gripper_actions.c.demonstration.in_(names))).mappings():
         acted[row["demonstration"]][row["subtask"]] = row["action"]
@@ -118,16 +122,22 @@ def _demonstrations(connection: Connection, which: Any) -> Iterator[Demonstratio
         )
 
 
-def _observation(row: Mapping[str, Any]) -> Observation:
+def _observation(row: Mapping[str, Any], object_name: str) -> Observation:
+    """Before there were tasks with several objects, all was towards the demonstration's, and there were no ways."""
     content = loads(row["content"])
-    *shown, object_confidence = content["object"]
-    *hand, hand_confidence = content["hand"]
+    found = None
+    if content["object"] is not None:
+        *shown, object_confidence = content["object"]
+        *hand, hand_confidence = content["hand"]
+        found = ImagePair(ImagePoint(*shown), ImagePoint(*hand), object_confidence, hand_confidence)
     return Observation(
         number=row["number"],
         subtask=content["subtask"],
+        object=content.get("towards", object_name),
         world_time=content["world_time"],
-        found=ImagePair(ImagePoint(*shown), ImagePoint(*hand), object_confidence, hand_confidence),
+        found=found,
         joints=np.array(content["joints"], np.float64),
         goal=content["goal"],
         key=content["key"],
+        seconds=content.get("seconds", 0.0),
     )

@@ -3,7 +3,7 @@
 The acting side has images and encoders. Truth, which the referee here has, only judges.
 """
 
-from handeye.simulation.evaluation import foretelling, reaching, resilience, saccade, stereo
+from handeye.simulation.evaluation import foretelling, pour, reaching, resilience, saccade, stereo
 from handeye.simulation.evaluation.grasp import CLUMSY_TEACHER, GRASP, WIDE
 from handeye.simulation.evaluation.site import Evaluation
 
@@ -18,6 +18,7 @@ EVALUATIONS: dict[str, Evaluation] = {
         WIDE,
         resilience.EVALUATION,
         foretelling.EVALUATION,
+        pour.EVALUATION,
     )
 }
 """By name."""

@@ -9,6 +9,7 @@ from handeye.robot_bridge.driver import unwatched
 from handeye.simulation.evaluation.grasp import CUP, possible, told
 from handeye.simulation.evaluation.outcome import Figure, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
+from handeye.simulation.lessons import grasp
 from handeye.simulation.places import Purpose, generator
 from handeye.simulation.report import Picture
 from handeye.simulation.scene import WORKSPACE_SIZE
@@ -23,14 +24,14 @@ _LEAST_SUPPORT = 0.2  # as tasks are set
 
 def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
     """Teaches three demonstrations in the ordinary square, and tries in one with four times its area."""
-    teacher = Teacher(site.robot, site.lab, site.client, CUP, _TASK, unwatched)
-    teacher.register_object(seed)
-    taught, _ = possible(teacher, seed, Purpose.TEACHING, _TAUGHT, WORKSPACE_SIZE)
+    teacher = Teacher(site.robot, site.lab, site.client, grasp(CUP), _TASK, unwatched)
+    teacher.register_objects(seed)
+    taught, _ = possible(site, seed, Purpose.TEACHING, _TAUGHT, WORKSPACE_SIZE)
     for place in taught:
-        teacher.demonstrate(place, generator(seed, Purpose.MOTIONS), lambda: None)
+        teacher.demonstrate((place,), generator(seed, Purpose.MOTIONS), lambda: None)
     site.client.train(_TASK)
-    places, _ = possible(teacher, seed, Purpose.TESTING, trials, _WIDE)
-    trying = Trials(site.client, site.lab, CUP, _TASK, site.check)
+    places, _ = possible(site, seed, Purpose.TESTING, trials, _WIDE)
+    trying = Trials(site.client, site.lab, CUP, _TASK, site.stack.check)
     found = []
     with site.progress("trials without holding", trials) as advance:
         for number, place in enumerate(places, start=1):

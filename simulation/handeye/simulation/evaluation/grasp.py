@@ -11,11 +11,14 @@ from handeye.robot_bridge.driver import unwatched
 from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.evaluation.outcome import Figure, median, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
+from handeye.simulation.lessons import grasp
 from handeye.simulation.objects import CUPS
 from handeye.simulation.places import Place, Purpose, draw, generator
+from handeye.simulation.rehearsing import can_grasp, lifted
 from handeye.simulation.report import Picture
+from handeye.simulation.scatter import CLUMSY, STEADY, Clumsiness
 from handeye.simulation.scene import WORKSPACE_SIZE
-from handeye.simulation.teacher import CLUMSY, STEADY, Clumsiness, Teacher
+from handeye.simulation.teacher import Teacher
 from handeye.simulation.trying import Judged, Trials
 
 CUP = CUPS["blue cup"]
@@ -23,7 +26,7 @@ _WIDE = 0.60  # m
 
 
 @dataclass(frozen=True, slots=True)
-class Lesson:
+class Course:
     """One way of teaching, and the trials that follow it."""
 
     name: str
@@ -38,64 +41,67 @@ class Lesson:
 
 
 _FEW = (
-    Lesson("10 demonstrations", 10, 98.0, openings=(0.08, 0.07)),
-    Lesson("3 demonstrations", 3, 95.0),
-    Lesson("1 demonstration", 1, 85.0),
+    Course("10 demonstrations", 10, 98.0, openings=(0.08, 0.07)),
+    Course("3 demonstrations", 3, 95.0),
+    Course("1 demonstration", 1, 85.0),
 )
-_CLUMSY = (Lesson("10 demonstrations by a clumsy teacher", 10, 96.0, CLUMSY),)
-_LARGE = (Lesson("60 × 60 cm, 20 demonstrations", 20, 96.0, size=_WIDE),)
+_CLUMSY = (Course("10 demonstrations by a clumsy teacher", 10, 96.0, CLUMSY),)
+_LARGE = (Course("60 × 60 cm, 20 demonstrations", 20, 96.0, size=_WIDE),)
 
 
-def _measure(lessons: Sequence[Lesson], site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
-    """Teaches each lesson as a task of its own, and tries it."""
+def _measure(courses: Sequence[Course], site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
+    """Teaches each course as a task of its own, and tries it."""
     found: list[Trial] = []
-    for number, lesson in enumerate(lessons, start=1):
+    for number, course in enumerate(courses, start=1):
         task = f"grasp {number}"
-        teacher = Teacher(site.robot, site.lab, site.client, CUP, task, unwatched, lesson.clumsiness)
+        teacher = Teacher(site.robot, site.lab, site.client, grasp(CUP), task, unwatched, course.clumsiness)
         if number == 1:
-            teacher.register_object(seed)
-        rejected = _teach(site, teacher, lesson, seed)
+            teacher.register_objects(seed)
+        rejected = _teach(site, teacher, course, seed)
         site.client.train(task)
-        places, also = possible(teacher, seed, Purpose.TESTING, trials, lesson.size)
-        for conditions in (ORDINARY, *(Conditions(opening=opening) for opening in lesson.openings)):
+        places, also = possible(site, seed, Purpose.TESTING, trials, course.size)
+        for conditions in (ORDINARY, *(Conditions(opening=opening) for opening in course.openings)):
             found += [
-                {"lesson": _spoken(lesson, conditions), "rejected": rejected + also, **told(judged)}
-                for judged in _tried(site, task, lesson, places, conditions)
+                {"course": _spoken(course, conditions), "rejected": rejected + also, **told(judged)}
+                for judged in _tried(site, task, course, places, conditions)
             ]
-        pictures.append(Picture(site.client.frame("observer"), f"{lesson.name}, seed {seed}: the last trial's end."))
+        pictures.append(Picture(site.client.frame("observer"), f"{course.name}, seed {seed}: the last trial's end."))
     return found
 
 
-def _tried(site: Site, task: str, lesson: Lesson, places: Sequence[Place], conditions: Conditions) -> Iterator[Judged]:
-    trying = Trials(site.client, site.lab, CUP, task, site.check)
-    with site.progress(_spoken(lesson, conditions), len(places)) as advance:
+def _tried(site: Site, task: str, course: Course, places: Sequence[Place], conditions: Conditions) -> Iterator[Judged]:
+    trying = Trials(site.client, site.lab, CUP, task, site.stack.check)
+    with site.progress(_spoken(course, conditions), len(places)) as advance:
         for number, place in enumerate(places, start=1):
             yield trying.at(number, place, conditions=conditions)
             advance()
 
 
-def _spoken(lesson: Lesson, conditions: Conditions) -> str:
+def _spoken(course: Course, conditions: Conditions) -> str:
     narrow = "" if conditions == ORDINARY else f", gripper opens {1e3 * conditions.opening:.0f} mm"
-    return lesson.name + narrow
+    return course.name + narrow
 
 
-def _teach(site: Site, teacher: Teacher, lesson: Lesson, seed: int) -> int:
-    """Shows the lesson's demonstrations; how many places were rejected for them."""
+def _teach(site: Site, teacher: Teacher, course: Course, seed: int) -> int:
+    """Shows the course's demonstrations; how many places were rejected for them."""
     # A teacher whose cup was not lifted shows one more.
-    places, rejected = possible(teacher, seed, Purpose.TEACHING, 2 * lesson.demonstrations, lesson.size)
+    places, rejected = possible(site, seed, Purpose.TEACHING, 2 * course.demonstrations, course.size)
     random = generator(seed, Purpose.MOTIONS)
     shown = 0
-    with site.progress(f"teaching: {lesson.name}", lesson.demonstrations) as advance:
+    with site.progress(f"teaching: {course.name}", course.demonstrations) as advance:
         for place in places:
-            if teacher.demonstrate(place, random, lambda: None):
+            demonstration = teacher.demonstrate((place,), random, lambda: None)
+            if lifted(site.lab.world(), CUP):
                 shown += 1
                 advance()
-            if shown == lesson.demonstrations:
+            else:
+                site.client.label_demonstration(demonstration, "failure")
+            if shown == course.demonstrations:
                 break
     return rejected
 
 
-def possible(teacher: Teacher, seed: int, purpose: Purpose, count: int, size: float) -> tuple[list[Place], int]:
+def possible(site: Site, seed: int, purpose: Purpose, count: int, size: float) -> tuple[list[Place], int]:
     """`count` random places in a square, and how many were rejected: where the teacher's hand cannot grasp.
 
     In the ordinary square it can everywhere.
@@ -105,7 +111,7 @@ def possible(teacher: Teacher, seed: int, purpose: Purpose, count: int, size: fl
         return list(drawn), 0
     places: list[Place] = []
     for tried, place in enumerate(drawn, start=1):
-        if teacher.can_grasp(place):
+        if can_grasp(site.robot, site.lab, CUP, place):
             places.append(place)
         if len(places) == count:
             return places, tried - count
@@ -125,15 +131,15 @@ def told(judged: Judged) -> Trial:
     }
 
 
-def _figures(lessons: Sequence[Lesson], found: Sequence[Trial]) -> tuple[Figure, ...]:
+def _figures(courses: Sequence[Course], found: Sequence[Trial]) -> tuple[Figure, ...]:
     figures = []
-    for lesson in lessons:
-        for conditions in (ORDINARY, *(Conditions(opening=opening) for opening in lesson.openings)):
-            name = _spoken(lesson, conditions)
-            tried = [each for each in found if each["lesson"] == name]
+    for course in courses:
+        for conditions in (ORDINARY, *(Conditions(opening=opening) for opening in course.openings)):
+            name = _spoken(course, conditions)
+            tried = [each for each in found if each["course"] == name]
             ordinary = conditions == ORDINARY
-            thesis = "10 of 10" if lesson is _FEW[0] and ordinary else ""
-            figures.append(share(name, [each["well"] for each in tried], lesson.least if ordinary else None, thesis))
+            thesis = "10 of 10" if course is _FEW[0] and ordinary else ""
+            figures.append(share(name, [each["well"] for each in tried], course.least if ordinary else None, thesis))
             if ordinary:
                 figures += [
                     median(f"{name}: miss at closing", [each["miss_mm"] for each in tried], "mm", 2.0),
@@ -143,15 +149,15 @@ def _figures(lessons: Sequence[Lesson], found: Sequence[Trial]) -> tuple[Figure,
 
 
 def _histograms(found: Sequence[Trial]) -> dict[str, tuple[float, ...]]:
-    lessons = dict.fromkeys(each["lesson"] for each in found)
+    courses = dict.fromkeys(each["course"] for each in found)
     return {
-        f"{lesson}: miss at closing, in mm": tuple(each["miss_mm"] for each in found if each["lesson"] == lesson)
-        for lesson in lessons
+        f"{course}: miss at closing, in mm": tuple(each["miss_mm"] for each in found if each["course"] == course)
+        for course in courses
     }
 
 
-def _evaluation(name: str, title: str, lessons: Sequence[Lesson]) -> Evaluation:
-    return Evaluation(name, title, partial(_measure, lessons), partial(_figures, lessons), _histograms)
+def _evaluation(name: str, title: str, courses: Sequence[Course]) -> Evaluation:
+    return Evaluation(name, title, partial(_measure, courses), partial(_figures, courses), _histograms)
 
 
 GRASP = _evaluation("grasp", "Grasping, by how few demonstrations and with how narrow a gripper", _FEW)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -67,9 +67,18 @@ def median(name: str, values: ArrayLike, unit: str, most: float | None = None, t
     return _bootstrapped(name, values, unit, most, thesis, np.median)
 
 
-def average(name: str, values: ArrayLike, unit: str, most: float | None = None, thesis: str = "") -> Figure:
-    """The mean, with a bootstrapped interval; the target is at most `most`."""
-    return _bootstrapped(name, values, unit, most, thesis, np.mean)
+def average(
+    name: str,
+    values: ArrayLike,
+    unit: str,
+    most: float | None = None,
+    thesis: str = "",
+    *,
+    least: float | None = None,
+) -> Figure:
+    """The mean, with a bootstrapped interval; the target is at most `most`, or at least `least`."""
+    figure = _bootstrapped(name, values, unit, most, thesis, np.mean)
+    return figure if least is None else replace(figure, target=f"≥ {least:g} {unit}", met=figure.value >= least)
 
 
 def _bootstrapped(

@@ -18,6 +18,7 @@ from handeye.simulation.conditions import Conditions
 from handeye.simulation.evaluation.grasp import CUP, told
 from handeye.simulation.evaluation.outcome import Figure, count, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
+from handeye.simulation.lessons import grasp
 from handeye.simulation.objects import GRID
 from handeye.simulation.places import Place, Purpose, draw, generator
 from handeye.simulation.pose import Pose
@@ -78,12 +79,12 @@ MISCHANCES = (
 
 def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
     """Teaches ten demonstrations with all in order, then tries each kind of mischance."""
-    teacher = Teacher(site.robot, site.lab, site.client, CUP, _TASK, unwatched)
-    teacher.register_object(seed)
+    teacher = Teacher(site.robot, site.lab, site.client, grasp(CUP), _TASK, unwatched)
+    teacher.register_objects(seed)
     motions = generator(seed, Purpose.MOTIONS)
     with site.progress("teaching", _TAUGHT) as advance:
         for place in draw(seed, Purpose.TEACHING, _TAUGHT):
-            teacher.demonstrate(place, motions, lambda: None)
+            teacher.demonstrate((place,), motions, lambda: None)
             advance()
     site.client.train(_TASK)
     found: list[Trial] = []
@@ -96,7 +97,7 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
 
 
 def _tried(site: Site, mischance: Mischance, places: Sequence[Place], random: np.random.Generator) -> list[Judged]:
-    trying = Trials(site.client, site.lab, CUP, _TASK, site.check)
+    trying = Trials(site.client, site.lab, CUP, _TASK, site.stack.check)
     before = partial(_hide, site, random) if mischance.hides else None
     found = []
     with site.progress(mischance.name, len(places)) as advance:

@@ -35,12 +35,23 @@ class Site:
     lab: LabClient
     experimenter: Experimenter
     console: Console
-    check: Callable[[], None]
-    """`ProcessDied` when a process of the stack has ended."""
+    stack: Stack
 
     def progress(self, title: str, total: int) -> AbstractContextManager[Callable[[], None]]:
         """A bar; what is given is called for each step done."""
         return counted(self.console, title, total)
+
+    def teach(self, lesson: str, demonstrations: int, seed: int) -> None:
+        """Shows a lesson and trains it: in a process of its own, for its teacher uses truth."""
+        child = self.stack.start_verb(
+            "teach",
+            *("--state-dir", str(self.stack.state_dir), "--seed", str(seed)),
+            *("--demonstrations", str(demonstrations), "--lesson", lesson),
+            environment={},
+            name="teacher",
+            logged=False,
+        )
+        self.stack.supervisor.finish(child)
 
 
 Trial = dict[str, Any]
@@ -89,7 +100,7 @@ def _measured(
         lab = LabClient(opened.enter_context(Bus.open(lab_settings(stack.lab), name="evaluation")))
         bus = opened.enter_context(Bus.open(acting_settings(stack.acting), name="teacher"))
         robot = RemoteRobot(bus, holder="teacher")
-        site = Site(client, robot, lab, Experimenter(lab, client, seed), console, stack.check)
+        site = Site(client, robot, lab, Experimenter(lab, client, seed), console, stack)
         try:
             return evaluation.measure(site, seed, trials, pictures)
         except (HandeyeError, RpcError):
