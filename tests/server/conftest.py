@@ -18,7 +18,7 @@ from starlette.testclient import TestClient
 
 from handeye.camera_bridge.driver import Frame, HeadState, Image, StereoPair, Tick
 from handeye.modules.module import warm_up
-from handeye.modules.recognition import NotSeen
+from handeye.modules.recognition import HandNotSeen, NotSeen
 from handeye.modules.spaces import ImagePair, ImagePoint
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch, unwatched
 from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, RpcError, Stopped, Unauthorised, Unavailable
@@ -296,7 +296,7 @@ class ToySight:
 
     def _seen(self, what: str, name: str, place: NDArray[np.float64]) -> tuple[ImagePoint, float]:
         if what in self.world.hidden:
-            raise NotSeen(f"{what} '{name}' is not seen in the left picture")
+            raise (HandNotSeen if what == "hand" else NotSeen)(f"{what} '{name}' is not seen in the left picture")
         return ImagePoint(*np.round(place + self.world.shift, 1).tolist()), 1.0
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from handeye.robot_bridge.driver import Pace, unwatched
+from handeye.robot_bridge.driver import Joints, Pace, RobotState, Watch, unwatched
 from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, Unavailable
 from handeye.server.acting import ActingRobot, ActingSettings
 from handeye.server.acting_jobs import ActingJobs
@@ -19,7 +19,7 @@ from handeye.server.settings import ServerSettings
 from handeye.server.store import jobs as stored_jobs
 
 if TYPE_CHECKING:
-    from handeye.camera_bridge.driver import Tick
+    from handeye.camera_bridge.driver import StereoPair, Tick
     from tests.server.conftest import Lab
 
 UNTAUGHT = np.array([233.0, 337.0, 150.0])  # between the taught places
@@ -356,3 +356,103 @@ def test_the_newest_jobs_and_pictures_are_kept(lab: Lab) -> None:
     assert picture(lab, ids[1], 0) is None
     assert picture(lab, ids[2], 0) is not None
     assert picture(lab, ids[2], -1) is None
+
+
+def let_slip(lab: Lab, monkeypatch: pytest.MonkeyPatch, times: int) -> None:
+    """At the first motion after each of so many closings the cup slips out of the hand, and the fingers meet."""
+    adjust, left = lab.robot.adjust_joints, [times]
+
+    def adjusting(delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+        if left[0] and lab.world.gripper < 0.09:
+            left[0] -= 1
+            lab.world.gripper = 0.0
+        return adjust(delta, pace, watch)
+
+    monkeypatch.setattr(lab.robot, "adjust_joints", adjusting)
+
+
+def test_a_cup_that_slipped_out_of_the_hand_is_taken_again(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab)
+    let_slip(lab, monkeypatch, times=1)
+    job = run(lab)
+    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
+    tried = [(part.name, part.state) for part in done(job).subtasks]
+    assert tried == [("grasp", "succeeded"), ("lift", "failed"), ("grasp", "succeeded"), ("lift", "succeeded")]
+    assert lab.world.gripper == 0.065
+
+
+def test_a_cup_that_slips_again_and_again_is_reported(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab)
+    let_slip(lab, monkeypatch, times=9)
+    job = run(lab)
+    assert job.state is JobState.FAILED
+    assert job.error is not None
+    assert job.error.code == "lost_grip"
+    assert [part.name for part in done(job).subtasks].count("grasp") == 3
+    assert lab.robot.stopped
+
+
+def test_what_is_held_is_never_let_go_to_begin_again(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab)
+    close = lab.robot.close_gripper
+
+    def closing(watch: Watch = unwatched) -> RobotState:
+        closed = close(watch)
+        lab.world.cup = FAR  # what is seen in the next subtask was never taught
+        return closed
+
+    monkeypatch.setattr(lab.robot, "close_gripper", closing)
+    job = run(lab)
+    assert job.error is not None
+    assert job.error.code == "outside_taught_region"
+    assert "open_gripper" not in lab.robot.commands
+
+
+def test_a_gripper_that_has_closed_on_nothing_is_noticed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab, attempts=1)
+    close = lab.robot.close_gripper
+
+    def closing(watch: Watch = unwatched) -> RobotState:
+        close(watch)
+        lab.world.gripper = 0.0
+        return lab.robot.state()
+
+    monkeypatch.setattr(lab.robot, "close_gripper", closing)
+    job = run(lab)
+    assert job.error is not None
+    assert job.error.code == "lost_grip"
+    assert job.error.message.endswith("see where the object is.")
+
+
+def hide_after(lab: Lab, monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
+    """Something hides the hand after so many looks."""
+    grab, left = lab.cameras.grab_stereo, [looks]
+
+    def grabbing(not_older_than: float, timeout: float, on_tick: Tick | None = None) -> StereoPair:
+        left[0] -= 1
+        if left[0] < 0:
+            lab.world.hidden.add("hand")
+        return grab(not_older_than, timeout, on_tick)
+
+    monkeypatch.setattr(lab.cameras, "grab_stereo", grabbing)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.03])
+def test_a_hand_that_is_hidden_is_felt(lab: Lab, monkeypatch: pytest.MonkeyPatch, turned: float) -> None:
+    """By the joints, and by where it was seen last: so it does not matter how the head stands."""
+    train(lab)
+    lab.world.head = (turned, 0.0)
+    hide_after(lab, monkeypatch, looks=1)
+    job = run(lab)
+    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
+    looks = [look for part in done(job).subtasks for look in part.looks]
+    assert [look.hand_seen for look in looks] == [True] + [False] * (len(looks) - 1)
+    assert miss(job) < 1.0
+
+
+def test_a_hand_that_was_never_seen_is_not_guessed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab)
+    hide_after(lab, monkeypatch, looks=0)
+    job = run(lab)
+    assert job.error is not None
+    assert job.error.code == "not_seen"

@@ -113,10 +113,10 @@ def test_answers_come_from_the_asked_subtask(recorded: Demonstrations, tasks: Ta
 
 
 def test_an_approximator_is_named_or_given_with_its_settings() -> None:
-    assert declare("kndb").approximator.method == "kndb"
-    assert declare("kndb").approximator == ijs.APPROXIMATORS["kndb"]
+    assert declare("picture", "kndb").approximator.method == "kndb"
+    assert declare("picture", "kndb").approximator == ijs.APPROXIMATORS["kndb"]
     own = ApproximatorSettings(method="kndb2", neighbours=4)
-    assert declare(own).approximator == own
+    assert declare("picture", own).approximator == own
     with pytest.raises(ValueError, match="approximator"):
         TrainRequest.model_validate({"approximator": "guess"})
 

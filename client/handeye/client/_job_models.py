@@ -28,7 +28,10 @@ class SubtaskStatistics(Model):
 
 
 class TrainStatistics(Model):
-    """What a task was trained from, and the module that answers for it; `approximator` says how."""
+    """What a task was trained from, and the module that answers for it; `approximator` says how.
+
+    `frame`: in which axes the way from hand to object is told.
+    """
 
     task: str
     module: str
@@ -36,6 +39,7 @@ class TrainStatistics(Model):
     pairs: int
     subtasks: tuple[SubtaskStatistics, ...]
     approximator: dict[str, Any]
+    frame: Literal["picture", "hand"]
 
 
 class Neighbour(Model):
@@ -48,12 +52,16 @@ class Neighbour(Model):
 
 
 class Look(Model):
-    """One look: world time in s; answer `delta` and reported `moved` in rad; `picture` is for `Client.picture`."""
+    """One look: world time in s; answer `delta` and reported `moved` in rad; `picture` is for `Client.picture`.
+
+    `hand_seen` is False when something hid the hand, and it was taken to be where the joints have it.
+    """
 
     number: int
     world_time: float
     object: Point
     hand: Point
+    hand_seen: bool
     delta: tuple[float, ...]
     support: float
     neighbours: tuple[Neighbour, ...]

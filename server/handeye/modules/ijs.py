@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.modules.declaration import ApproximatorSettings, Component, ModuleDeclaration, Output
-from handeye.modules.spaces import ImageVector, JointAngles
+from handeye.modules.spaces import HandVector, ImageVector, JointAngles
 
 JOINTS = 6
 
@@ -42,7 +42,20 @@ DECLARATION = ModuleDeclaration(
     approximator=APPROXIMATORS["local_quadratic"],
 )
 
+IN_HAND = ModuleDeclaration(
+    name="IJS",
+    inputs=(
+        Component(name="subtask", unit="", categorical=True),
+        *(Component(name=axis, unit="m", scale=0.05) for axis in ("right", "up", "out")),
+        # The way alone says nearly all; joints tell where it does not change, as while something is carried.
+        *(Component(name=f"joint {i}", unit="rad", scale=10.0) for i in range(1, JOINTS + 1)),
+    ),
+    outputs=DECLARATION.outputs,
+    approximator=ApproximatorSettings(method="local_linear", neighbours=None, ridge=1e-2),
+)
+"""The same with the way from hand to object in the hand's own axes: one demonstration is enough for a straight fit."""
 
-def input_vector(subtask: int, vector: ImageVector, joints: JointAngles) -> NDArray[np.float64]:
+
+def input_vector(subtask: int, vector: ImageVector | HandVector, joints: JointAngles) -> NDArray[np.float64]:
     """IJS's input, shape (10,): the number of the subtask, the vector from hand to object, the joints."""
     return np.concatenate([[float(subtask)], vector.array(), joints.array()])

@@ -7,8 +7,8 @@
 
 * Images: left and right, (rows, columns, 3) uint8.
 * I (`ImagePair`): where object and hand are in the stereo image, two points (row, column, disparity) in px.
-* I': the action. For the long way the point where the hand is to be (`ImagePoint`), for the short cut the way from hand
-  to object (`ImageVector`), in px: differences between pictures go to IJS only.
+* I': the action. For the long way the point where the hand is to be (`ImagePoint`); for the short cut, and only for it,
+  the way from hand to object: in px (`ImageVector`), or, where CSS was taught, in the hand's own axes (`HandVector`).
 * C (`CameraPoint`): that point in the camera's frame, in m.
 * A (`ArmPoint`): in the arm's frame, in m; T (`HeadAngles`), where the head points, goes with it.
 * Δθ (`JointDifference`): how far each joint is to turn, in rad; the joints as they are go with it.
@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.modules import ajs as _ajs
+from handeye.modules import asm as _asm
 from handeye.modules import cas as _cas
 from handeye.modules import scs as _scs
 from handeye.modules.answers import Answer
@@ -37,6 +38,7 @@ from handeye.modules.module import Module
 from handeye.modules.spaces import (
     ArmPoint,
     CameraPoint,
+    HandVector,
     HeadAngles,
     HeadTurn,
     ImagePair,
@@ -65,17 +67,13 @@ def recognise(recogniser: Sees, left: Image, right: Image, object_name: str) -> 
     return recogniser.see(left, right, object_name)
 
 
-def specify_action(found: ImagePair) -> ImageVector:
-    """ASM: I -> I', the vector from hand to object (Fig 3.2)."""
-    return ImageVector(
-        rows=found.object.row - found.hand.row,
-        columns=found.object.column - found.hand.column,
-        disparity=found.object.disparity - found.hand.disparity,
-    )
+def specify_action(found: ImagePair, css: Module | None = None) -> ImageVector | HandVector:
+    """ASM: I -> I', the vector from hand to object (Fig 3.2); in the hand's own axes when CSS is given."""
+    return _asm.in_picture(found) if css is None else _asm.in_hand(css, found)
 
 
 def image_to_joints(
-    ijs: Module, subtask: int, action: ImageVector, joints: JointAngles
+    ijs: Module, subtask: int, action: ImageVector | HandVector, joints: JointAngles
 ) -> tuple[JointDifference, Answer]:
     """IJS: the subtask's number, I' and the joints -> Δθ, and the answer it was taken from.
 

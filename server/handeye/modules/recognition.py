@@ -6,9 +6,11 @@ distortion leaves a few px) and lies farther to the right in the left one: what 
 
 from __future__ import annotations
 
+import numpy as np
+
 from handeye.modules.marker import Marker, MarkerSighting
 from handeye.modules.object_model import Image, ObjectModel, Sighting
-from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.spaces import HandPoint, ImagePair, ImagePoint
 
 ROW_TOLERANCE = 6.0
 """How far the rows of one point may differ between left and right picture, in px."""
@@ -18,6 +20,10 @@ _SIZE_TOLERANCE = 1.3
 
 class NotSeen(Exception):
     """Object or hand is not to be found in a picture; the message says which, where, and what to do."""
+
+
+class HandNotSeen(NotSeen):
+    """It is the hand that is not to be found."""
 
 
 class Recogniser:
@@ -53,17 +59,19 @@ class Recogniser:
         found, object_confidence = self.see_object(left, right, name)
         return ImagePair(found, hand, object_confidence, hand_confidence)
 
-    def see_hand(self, left: Image, right: Image) -> tuple[ImagePoint, float]:
+    def see_hand(self, left: Image, right: Image) -> tuple[HandPoint, float]:
         """The hand's marker and the confidence in [0, 1]; raises as `see` does."""
         _check_sizes(left, right)
         in_left, in_right = self._hand_in(left, "left"), self._hand_in(right, "right")
         if not _same_point(in_left, in_right):
-            raise NotSeen(
+            raise HandNotSeen(
                 f"the hand is not seen: marker {self._marker.marker_id} lies at {_place(in_left)} in the left picture "
                 f"and at {_place(in_right)} in the right one, which cannot be the same marker; take away any second "
                 "marker with this number and check that the cameras are not exchanged"
             )
-        point = ImagePoint(in_left.row, in_left.column, in_left.column - in_right.column)
+        disparities = in_left.outline[:, 1] - in_right.outline[:, 1]
+        outline = tuple(map(tuple, np.column_stack([in_left.outline, disparities]).tolist()))
+        point = HandPoint(in_left.row, in_left.column, in_left.column - in_right.column, outline)
         return point, min(in_left.correlation, in_right.correlation)
 
     def _model(self, name: str) -> ObjectModel:
@@ -74,7 +82,7 @@ class Recogniser:
     def _hand_in(self, image: Image, picture: str) -> MarkerSighting:
         found = self._marker.locate(image)
         if found is None:
-            raise NotSeen(
+            raise HandNotSeen(
                 f"the hand is not seen in the {picture} picture: its marker (number {self._marker.marker_id}) is "
                 "hidden, out of view or too oblique; move the hand or what stands before it so that the whole marker "
                 "with its white margin faces both cameras"

@@ -30,10 +30,21 @@ class ImagePoint:
 
 
 @dataclass(frozen=True, slots=True)
+class HandPoint(ImagePoint):
+    """The hand's point, and how the hand is turned: its outline's four corners in the stereo image, px.
+
+    Each is (row, column, disparity); top left, top right, bottom right, bottom left, as the marker is read.
+    """
+
+    outline: tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ImagePair:
     """I, what recognition makes of a stereo pair: dimension 6, px, frame: the stereo image.
 
-    The object's point and the hand's; the confidences in [0, 1] say how sure the recognition is of each.
+    The object's point and the hand's, a `HandPoint` where its outline was seen too; the confidences in [0, 1] say how
+    sure the recognition is of each.
     """
 
     object: ImagePoint
@@ -53,6 +64,20 @@ class ImageVector:
     def array(self) -> Floats:
         """(delta row, delta column, delta disparity), shape (3,)."""
         return np.array([self.rows, self.columns, self.disparity], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandVector:
+    """I' for module IJS, the way from hand to object in the hand's own axes: dimension 3, m.
+
+    To the right of the marker as it is read, up, and out of it.
+    """
+
+    vector: Floats
+
+    def array(self) -> Floats:
+        """(right, up, out), shape (3,)."""
+        return np.asarray(self.vector, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)

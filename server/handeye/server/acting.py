@@ -52,6 +52,13 @@ class ActingSettings(BaseModel):
     """No joint is turned further by one answer, in rad; an answer that asks for more is wrong."""
     hold: float = Field(default=2.5, ge=0.0)
     """World time waited after the last subtask, in s."""
+    attempts: int = Field(default=3, ge=1)
+    """How often a task is begun. It is begun again where it began when nothing is held and what was seen in a later
+    subtask is not what was taught: the object was moved, or has slipped out of the hand."""
+    least_grip: float = Field(default=0.002, ge=0.0)
+    """A gripper that has closed further than this holds nothing, in m."""
+    grip_slack: float = Field(default=0.005, gt=0.0)
+    """A gripper that has closed on by so much since it gripped has lost what it held, in m."""
     pace: float = Field(default=0.5, gt=0.0, le=1.0)
     """Share of the joints' speed and acceleration limits."""
 

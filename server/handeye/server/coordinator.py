@@ -21,6 +21,7 @@ from handeye.server.demonstration import Observation
 from handeye.server.demonstrations import Demonstrations
 from handeye.server.executor import Run
 from handeye.server.eyes import Eyes, Sight, Sighting
+from handeye.server.felt import FeltHand
 from handeye.server.jobs import Job, Jobs
 from handeye.server.livemodules import LiveModules
 from handeye.server.looking import Looker
@@ -213,7 +214,8 @@ class Coordinator:
 
         def work(job: Job, robot: ActingRobot, looker: Looker) -> None:
             keep = self.acting.picture_keeper(job)
-            run = Run(skill, object_name, robot, looker, self.eyes, settings, job, keep, one_look=one_look)
+            felt = FeltHand(lambda: [self.demonstrations.get(each) for each in skill.demonstrations])
+            run = Run(skill, object_name, robot, looker, self.eyes, settings, job, keep, felt, one_look=one_look)
             run.execute()
 
         return self.acting.start("run", task, object_name, work)

@@ -14,14 +14,16 @@ from typing import Protocol
 import numpy as np
 import structlog
 
+from handeye.camera_bridge.driver import StereoPair
 from handeye.modules.answers import Answer
-from handeye.modules.recognition import NotSeen
+from handeye.modules.recognition import HandNotSeen, NotSeen
 from handeye.modules.spaces import ImagePair, JointDifference
 from handeye.robot_bridge.driver import Joints, RobotState
 from handeye.rpc.errors import RpcError
 from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegion, too_far
 from handeye.server.demonstration import Subtask
 from handeye.server.eyes import Eyes, Sighting
+from handeye.server.felt import FeltHand
 from handeye.server.jobs import Job
 from handeye.server.looking import Looker
 from handeye.server.pictures import side_by_side
@@ -37,6 +39,12 @@ class NotAligned(Conflict):
     """The looks have run out and the hand is not where the subtask ends: the gripper must not act there."""
 
     code = "not_aligned"
+
+
+class LostGrip(Conflict):
+    """The gripper holds nothing, or nothing any more."""
+
+    code = "lost_grip"
 
 
 class Skill(Protocol):
@@ -70,6 +78,7 @@ class Run:
         settings: ActingSettings,
         job: Job,
         keep_picture: Callable[[bytes], int],
+        felt: FeltHand,
         *,
         one_look: bool,
     ) -> None:
@@ -83,21 +92,64 @@ class Run:
         self._keep_picture = keep_picture
         self._one_look = one_look
         self._subtasks: list[SubtaskRecord] = []
+        self._felt = felt
         self._last_look: tuple[ImagePair, Joints]
+        self._grip: float | None = None
+        """How far the gripper was open when it had closed, in m; None while it is open."""
 
     def execute(self) -> None:
-        """Does the task. On any error the arm is stopped, the subtask is marked as failed, the error goes on."""
+        """Does the task. On any error the arm is stopped, the subtask is marked as failed, the error goes on.
+
+        Before that it is begun again, as often as is set, when what was seen was not as taught and nothing is held.
+        """
         try:
-            last = self._skill.subtasks[-1]
-            for subtask in self._skill.subtasks:
-                final = subtask is last
-                self._do(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
-            self._robot.wait(self._settings.hold)
+            start = self._robot.state().joints
+            attempts = 1 if self._one_look else self._settings.attempts
+            for left in reversed(range(attempts)):
+                begun = len(self._subtasks)
+                try:
+                    return self._attempt()
+                except (OutsideTaughtRegion, NotSeen, NotAligned, LostGrip) as trouble:
+                    # In the first subtask nothing has changed yet: it would end in the same way.
+                    if not left or len(self._subtasks) - begun < 2 or not self._holds_nothing():
+                        raise
+                    self._begin_again(start, trouble)
         except Exception as error:
             self._stop(str(error))
             if self._subtasks and self._subtasks[-1].state == "running":
                 self._update("subtask", state="failed")
             raise
+
+    def _attempt(self) -> None:
+        last = self._skill.subtasks[-1]
+        for subtask in self._skill.subtasks:
+            final = subtask is last
+            self._do(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
+        self._robot.wait(self._settings.hold)
+        self._require_grip()
+
+    def _begin_again(self, start: Joints, trouble: Exception) -> None:
+        """Opens the gripper and goes back to where the arm was at first: on the way there nothing stood."""
+        if self._subtasks[-1].state == "running":
+            self._update("subtask", state="failed")
+        self._job.publish("again", {"message": str(trouble)}, self._result())
+        self._robot.open_gripper()
+        self._grip = None
+        self._robot.adjust_joints(start - self._robot.at_rest().joints)
+
+    def _holds_nothing(self) -> bool:
+        return self._grip is None or self._robot.state().gripper_opening < self._least_opening(self._grip)
+
+    def _require_grip(self) -> None:
+        """`LostGrip` when something should be held and is not."""
+        if self._grip is not None and self._holds_nothing():
+            raise LostGrip(
+                "The gripper has closed on nothing, or what it held has slipped out of it: see where the object is."
+            )
+
+    def _least_opening(self, grip: float) -> float:
+        """A gripper that is less open than this, in m, holds nothing."""
+        return max(self._settings.least_grip, grip - self._settings.grip_slack)
 
     def _do(self, subtask: Subtask, tolerance: float) -> None:
         started = self._robot.state().world_time
@@ -108,9 +160,11 @@ class Run:
         if subtask.way:
             self._follow(subtask)
         if subtask.action == "close_gripper":
-            self._robot.close_gripper()
+            self._grip = self._robot.close_gripper().gripper_opening
         elif subtask.action == "open_gripper":
+            self._require_grip()
             self._robot.open_gripper()
+            self._grip = None
         ended = self._robot.state().world_time
         self._update("subtask", state="succeeded", ended=ended, aligned=aligned, action=subtask.action)
 
@@ -139,6 +193,7 @@ class Run:
     def _step(self, subtask: Subtask, tolerance: float) -> float:
         """One look and, unless it is within `tolerance`, the move it asks for; the answer's largest angle in rad."""
         self._job.check()
+        self._require_grip()
         state, sighting, found, picture = self._look(self._towards(subtask))
         self._last_look = (found, state.joints)
         turn, answer = self._skill.answer(subtask.name, found, state.joints)
@@ -182,7 +237,7 @@ class Run:
     def _look(self, towards: str) -> tuple[RobotState, Sighting, ImagePair, int]:
         """The state at rest, and a pair that shows it; raises `NotSeen` when object or hand is not found."""
         state, pair = self._looker.look()
-        sighting = self._eyes.recognise(pair, towards)
+        sighting = self._recognise(pair, towards, state.joints)
         picture = self._keep_picture(side_by_side(pair.left.image, pair.right.image, sighting.found))
         if isinstance(sighting.found, NotSeen):
             self._job.publish(
@@ -190,6 +245,18 @@ class Run:
             )
             raise sighting.found
         return state, sighting, sighting.found, picture
+
+    def _recognise(self, pair: StereoPair, towards: str, joints: Joints) -> Sighting:
+        """Object and hand; a hand that is hidden is where the joints have it."""
+        sighting = self._eyes.recognise(pair, towards)
+        if isinstance(sighting.found, ImagePair):
+            self._felt.notice(joints, sighting.found.hand)
+        elif isinstance(sighting.found, HandNotSeen) and (hand := self._felt.at(joints)) is not None:
+            try:
+                return Sighting(pair, ImagePair(self._eyes.find(pair, towards), hand, hand_confidence=0.0))
+            except NotSeen as missing:
+                return Sighting(pair, missing)
+        return sighting
 
     def _refusal(self, subtask: str, turn: JointDifference, answer: Answer) -> Exception | None:
         """Why the robot must not be moved by this answer; None when it may be."""
@@ -220,6 +287,7 @@ class Run:
             world_time=sighting.world_time,
             object=(found.object.row, found.object.column, found.object.disparity),
             hand=(found.hand.row, found.hand.column, found.hand.disparity),
+            hand_seen=found.hand_confidence > 0.0,
             delta=tuple(float(value) for value in turn.angles),
             support=answer.support,
             neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, WithJsonSchema
 
 from handeye.modules.answers import Answer
+from handeye.modules.asm import Frame
 from handeye.modules.declaration import ApproximatorSettings
 
 THREE = WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3})
@@ -52,6 +53,8 @@ class LookRecord(_Record):
     """(row, column, disparity) of the object, in pixels."""
     hand: Triple
     """(row, column, disparity) of the hand, in pixels."""
+    hand_seen: bool = True
+    """False: something hid the hand, and it was taken to be where the joints have it."""
     delta: tuple[float, ...]
     """The answer: joint differences in rad, base to wrist."""
     support: float
@@ -124,6 +127,8 @@ class TrainStatistics(_Record):
     pairs: int
     subtasks: tuple[SubtaskStatistics, ...]
     approximator: ApproximatorSettings
+    frame: Frame
+    """In which axes the way from hand to object is told."""
 
 
 class CategoryInfo(_Record):

@@ -13,9 +13,11 @@ from sqlalchemy import Connection
 
 from handeye.modules import ijs, pipeline
 from handeye.modules.answers import Answer, CategoryStatistics
+from handeye.modules.asm import Frame
+from handeye.modules.css import DECLARATION as CSS
 from handeye.modules.declaration import ApproximatorSettings, ModuleDeclaration
 from handeye.modules.module import Module
-from handeye.modules.spaces import ImagePair, JointAngles, JointDifference
+from handeye.modules.spaces import HandPoint, ImagePair, JointAngles, JointDifference
 from handeye.robot_bridge.driver import Joints
 from handeye.rpt import NotTaught
 from handeye.server.answering import NothingTaught
@@ -40,6 +42,9 @@ class TrainRequest(BaseModel):
     """`key`: only the thesis's bare pairs, one from the beginning of each subtask."""
     approximator: Method | ApproximatorSettings | None = None
     """The method by name, or with its settings; null: module IJS's own."""
+    frame: Frame | None = None
+    """In which axes the way from hand to object is told; null: in the hand's own, if module CSS was taught and the hand
+    was always seen with its outline, else in the picture's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +87,14 @@ def waypoint_codes(order: Sequence[Subtask]) -> dict[str, range]:
     return codes
 
 
-def pairs(demonstrations: Sequence[Demonstration], order: Sequence[Subtask], *, key_only: bool) -> Pairs:
+def pairs(
+    demonstrations: Sequence[Demonstration], order: Sequence[Subtask], css: Module | None = None, *, key_only: bool
+) -> Pairs:
     """Every look towards its subtask's goal and way-points in the same demonstration.
 
-    Input: (action code, image vector hand -> object, joints); output: joints there - joints of the look. The code of a
-    goal is the subtask's number, those of way-points are `waypoint_codes`. With `key_only` only the looks marked as the
-    thesis's bare pairs.
+    Input: (action code, vector hand -> object, joints); output: joints there - joints of the look. The vector is in the
+    hand's own axes when `css` is given. The code of a goal is the subtask's number, those of way-points are
+    `waypoint_codes`. With `key_only` only the looks marked as the thesis's bare pairs.
     """
     numbers = {subtask.name: number for number, subtask in enumerate(order)}
     codes = waypoint_codes(order)
@@ -100,7 +107,7 @@ def pairs(demonstrations: Sequence[Demonstration], order: Sequence[Subtask], *, 
         for look in demonstration.observations:
             if look.found is None or (key_only and not look.key):
                 continue
-            action = pipeline.specify_action(look.found)
+            action = pipeline.specify_action(look.found, css)
             for code, end in ends[look.subtask]:
                 if end is None:  # finished demonstrations have all their goals
                     continue
@@ -122,6 +129,7 @@ class TrainedTask:
     subtasks: tuple[Subtask, ...]
     demonstrations: tuple[str, ...]
     """The ids of those that it was trained from and still answers by."""
+    frame: Frame
     tasks: Tasks = field(repr=False, compare=False)
 
     def answer(
@@ -140,8 +148,8 @@ class TrainedTask:
         number = [each.name for each in self.subtasks].index(subtask)
         if waypoint is not None:
             number = waypoint_codes(self.subtasks)[subtask][waypoint]
-        action = pipeline.specify_action(found)
         try:
+            action = pipeline.specify_action(found, self.tasks.css() if self.frame == "hand" else None)
             return pipeline.image_to_joints(module, number, action, JointAngles(joints))
         except NotTaught as error:
             raise NothingTaught(sentence(error)) from error
@@ -162,10 +170,13 @@ class Tasks:
         if not shown:
             raise NotFound(f"There is no finished demonstration of task '{name}'; show it by POST /v1/demonstrations.")
         subtasks = common_subtasks(shown)
-        taught = pairs(shown, subtasks, key_only=request.pairs == "key")
+        frame = request.frame or self._frame_for(shown)
+        css = self._css_for(shown) if frame == "hand" else None
+        taught = pairs(shown, subtasks, css, key_only=request.pairs == "key")
         module_name = f"IJS.{name}"
-        declaration = declare(request.approximator).model_copy(update={"name": module_name})
+        declaration = declare(frame, request.approximator).model_copy(update={"name": module_name})
         content = {
+            "frame": frame,
             "subtasks": [asdict(subtask) for subtask in subtasks],
             "demonstrations": [demonstration.id for demonstration in shown],
         }
@@ -181,6 +192,7 @@ class Tasks:
             pairs=module.samples,
             subtasks=_subtask_statistics(subtasks, module.statistics()),
             approximator=declaration.approximator,
+            frame=frame,
         )
 
     def get(self, name: str) -> TrainedTask:
@@ -216,7 +228,32 @@ class Tasks:
         )
         left = stored_modules.demonstrations_of(connection, row["module"])
         shown = tuple(name for name in content["demonstrations"] if name in left)
-        return TrainedTask(row["name"], row["module"], subtasks, shown, self)
+        return TrainedTask(row["name"], row["module"], subtasks, shown, content.get("frame", "picture"), self)
+
+    def css(self) -> Module:
+        """Module CSS; `NothingTaught` when it is not there."""
+        try:
+            return self._modules.live(CSS.name)
+        except NotFound as error:
+            raise NothingTaught(
+                "The way from hand to object is told in the hand's own axes, which takes module CSS; let it be taught "
+                "by `handeye collect CSS`, or train the task in the picture's axes."
+            ) from error
+
+    def _frame_for(self, shown: Sequence[Demonstration]) -> Frame:
+        try:
+            taught = bool(self.css().samples)
+        except NothingTaught:
+            return "picture"
+        return "hand" if taught and _outlined(shown) else "picture"
+
+    def _css_for(self, shown: Sequence[Demonstration]) -> Module:
+        if not _outlined(shown):
+            raise NotTeachable(
+                "In some of the demonstrations the hand was seen as a point only: show them again, or train the task "
+                "in the picture's axes."
+            )
+        return self.css()
 
     def _require_unused(self, module: str, task: str) -> None:
         if any(each.name == module for each in self._modules.all()):
@@ -226,13 +263,20 @@ class Tasks:
             )
 
 
-def declare(approximator: Method | ApproximatorSettings | None) -> ModuleDeclaration:
+def declare(frame: Frame, approximator: Method | ApproximatorSettings | None) -> ModuleDeclaration:
     """Module IJS with this approximator; a method by name comes with the settings that suit IJS."""
+    declaration = ijs.IN_HAND if frame == "hand" else ijs.DECLARATION
     if approximator is None:
-        return ijs.DECLARATION
+        return declaration
     if isinstance(approximator, str):
         approximator = ijs.APPROXIMATORS[approximator]
-    return ijs.DECLARATION.model_copy(update={"approximator": approximator})
+    return declaration.model_copy(update={"approximator": approximator})
+
+
+def _outlined(shown: Sequence[Demonstration]) -> bool:
+    """Whether the hand was seen with its outline in every look."""
+    looks = [look.found for each in shown for look in each.observations if look.found is not None]
+    return all(isinstance(found.hand, HandPoint) for found in looks)
 
 
 def _subtask_statistics(

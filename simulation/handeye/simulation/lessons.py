@@ -72,7 +72,7 @@ def grasp(spec: ObjectSpec) -> Lesson:
 
     def plan(world: WorldState) -> tuple[Move, ...]:
         chain = _chain(world, spec)
-        return (*_taking(chain, looks=4), Move("lift", chain["lift"], 2, None))
+        return (*_taking(chain, looks=4), Move("lift", chain["grasp"], 0, None, way=(chain["lift"],)))
 
     return Lesson("grasp", (spec,), places, plan)
 

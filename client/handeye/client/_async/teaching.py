@@ -23,6 +23,7 @@ from handeye.client.models import (
 )
 
 Pairs = Literal["all", "key"]
+Frame = Literal["picture", "hand"]
 Approximator = str | Mapping[str, Any] | None
 
 
@@ -129,6 +130,7 @@ class AsyncTeachingCalls(AsyncJobCalls):
         *,
         pairs: Pairs = "all",
         approximator: Approximator = None,
+        frame: Frame | None = None,
         timeout: float = 600.0,
         on_event: OnEvent = ignore,
     ) -> TrainStatistics:
@@ -138,23 +140,26 @@ class AsyncTeachingCalls(AsyncJobCalls):
             task: its name.
             pairs: "key" for the thesis's bare pairs, one from the beginning of each subtask.
             approximator: how answers are made, a method by name or with its settings; None: as suits a task.
+            frame: in whose axes the way from hand to object is told; None: the hand's if CSS was taught.
             timeout: s after which the wait ends. When it ends early, however that is, the training is cancelled.
             on_event: is told the job's events.
 
         Raises:
             JobFailed: the demonstrations do not make a task.
         """
-        job = await self.start_training(task, pairs=pairs, approximator=approximator)
+        job = await self.start_training(task, pairs=pairs, approximator=approximator, frame=frame)
         ended = await self._see_through(job, timeout, on_event)
         result = ended.raise_for_failure().result
         if not isinstance(result, TrainStatistics):
             raise UnexpectedAnswer(f"Job {job.id} has trained task '{task}' and has no statistics of it.")
         return result
 
-    async def start_training(self, task: str, *, pairs: Pairs = "all", approximator: Approximator = None) -> TrainJob:
+    async def start_training(
+        self, task: str, *, pairs: Pairs = "all", approximator: Approximator = None, frame: Frame | None = None
+    ) -> TrainJob:
         """As `train`, and returns at once."""
         settings = dict(approximator) if isinstance(approximator, Mapping) else approximator
-        body = {"pairs": pairs, "approximator": settings}
+        body = {"pairs": pairs, "approximator": settings, "frame": frame}
         return await self._post_once(TrainJob, f"/v1/tasks/{part(task)}/train", body)
 
     async def start_run(

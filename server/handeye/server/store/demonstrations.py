@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from sqlalchemy import Connection, delete, func, select
 
-from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.spaces import HandPoint, ImagePair, ImagePoint
 from handeye.server.demonstration import Demonstration, Observation
 from handeye.server.store import counters
 from handeye.server.store.rows import add, change, dumps, loads, now
@@ -63,6 +63,7 @@ def add_observation(connection: Connection, name: str, observation: Observation)
             "world_time": observation.world_time,
             "object": [*found.object.array().tolist(), found.object_confidence] if found else None,
             "hand": [*found.hand.array().tolist(), found.hand_confidence] if found else None,
+            "outline": found.hand.outline if found and isinstance(found.hand, HandPoint) else None,
             "joints": observation.joints.tolist(),
             "goal": observation.goal,
             "key": observation.key,
@@ -129,7 +130,11 @@ def _observation(row: Mapping[str, Any], object_name: str) -> Observation:
     if content["object"] is not None:
         *shown, object_confidence = content["object"]
         *hand, hand_confidence = content["hand"]
-        found = ImagePair(ImagePoint(*shown), ImagePoint(*hand), object_confidence, hand_confidence)
+        outline = content.get("outline")
+        seen = ImagePoint(*hand)
+        if outline:
+            seen = HandPoint(seen.row, seen.column, seen.disparity, tuple(map(tuple, outline)))
+        found = ImagePair(ImagePoint(*shown), seen, object_confidence, hand_confidence)
     return Observation(
         number=row["number"],
         subtask=content["subtask"],

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from handeye.robot_bridge.driver import unwatched
+from handeye.simulation.collecting import collect
 from handeye.simulation.evaluation.grasp import CUP, possible, told
 from handeye.simulation.evaluation.outcome import Figure, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
@@ -24,6 +25,7 @@ _LEAST_SUPPORT = 0.2  # as tasks are set
 
 def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
     """Teaches three demonstrations in the ordinary square, and tries in one with four times its area."""
+    collect("CSS", site.lab, site.client, seed, site.progress)
     teacher = Teacher(site.robot, site.lab, site.client, grasp(CUP), _TASK, unwatched)
     teacher.register_objects(seed)
     taught, _ = possible(site, seed, Purpose.TEACHING, _TAUGHT, WORKSPACE_SIZE)

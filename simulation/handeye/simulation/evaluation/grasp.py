@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from handeye.robot_bridge.driver import unwatched
+from handeye.simulation.collecting import collect
 from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.evaluation.outcome import Figure, median, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
@@ -50,7 +51,8 @@ _LARGE = (Course("60 × 60 cm, 20 demonstrations", 20, 96.0, size=_WIDE),)
 
 
 def _measure(courses: Sequence[Course], site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
-    """Teaches each course as a task of its own, and tries it."""
+    """Lets CSS be taught, then teaches each course as a task of its own, and tries it."""
+    collect("CSS", site.lab, site.client, seed, site.progress)
     found: list[Trial] = []
     for number, course in enumerate(courses, start=1):
         task = f"grasp {number}"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from handeye.robot_bridge.driver import unwatched
 from handeye.rpc.errors import InvalidArgument
 from handeye.simulation import grasping, gripper, kinematics, rig
+from handeye.simulation.collecting import collect
 from handeye.simulation.conditions import Conditions
 from handeye.simulation.evaluation.grasp import CUP, told
 from handeye.simulation.evaluation.outcome import Figure, count, share
@@ -78,7 +79,8 @@ MISCHANCES = (
 
 
 def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
-    """Teaches ten demonstrations with all in order, then tries each kind of mischance."""
+    """Lets CSS be taught, and teaches ten demonstrations, with all in order; then tries each kind of mischance."""
+    collect("CSS", site.lab, site.client, seed, site.progress)
     teacher = Teacher(site.robot, site.lab, site.client, grasp(CUP), _TASK, unwatched)
     teacher.register_objects(seed)
     motions = generator(seed, Purpose.MOTIONS)
