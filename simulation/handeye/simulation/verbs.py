@@ -31,6 +31,7 @@ class What(StrEnum):
     SCS = "scs"
     REACH = "reach"
     POUR = "pour"
+    STACK = "stack"
 
 
 class Shown(StrEnum):
@@ -38,6 +39,7 @@ class Shown(StrEnum):
 
     GRASP = "grasp"
     POUR = "pour"
+    STACK = "stack"
 
 
 def register(app: typer.Typer) -> None:

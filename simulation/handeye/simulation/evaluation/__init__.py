@@ -3,11 +3,11 @@
 The acting side has images and encoders. Truth, which the referee here has, only judges.
 """
 
-from handeye.simulation.evaluation import pour, reaching, saccade, stereo
+from handeye.simulation.evaluation import pour, reaching, saccade, stack, stereo
 from handeye.simulation.evaluation.site import Evaluation
 
 EVALUATIONS: dict[str, Evaluation] = {
-    each.EVALUATION.name: each.EVALUATION for each in (stereo, saccade, reaching, pour)
+    each.EVALUATION.name: each.EVALUATION for each in (stereo, saccade, reaching, pour, stack)
 }
 """By name."""
 

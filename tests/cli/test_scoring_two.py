@@ -1,4 +1,4 @@
-"""The referee of pouring, on made-up histories."""
+"""The referee of tasks with two objects, on made-up histories."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from handeye.simulation.objects import CUPS, JAR
 from handeye.simulation.pose import Pose
 from handeye.simulation.scene import ObjectState, WorldState
-from handeye.simulation.scoring_pour import PourScore, score_pour
+from handeye.simulation.scoring_two import PourScore, score_pour
 
 CUP = CUPS["blue cup"]
 TABLE = CUP.height / 2
