@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handeye.simulation.objects import CUPS, JAR
+from handeye.simulation.objects import CUPS, JAR, STAND
 from handeye.simulation.pose import Pose
 from handeye.simulation.scene import ObjectState, WorldState
-from handeye.simulation.scoring_two import PourScore, score_pour
+from handeye.simulation.scoring_two import PourScore, score_pour, score_stack
 
 CUP = CUPS["blue cup"]
 TABLE = CUP.height / 2
@@ -110,3 +110,52 @@ def test_a_subtask_that_was_not_completed_has_not_passed(subtask: str) -> None:
 def test_each_condition_counts(index: int, name: str, changes: dict[str, Any], failed: set[str]) -> None:
     found = judged(changed(history(), index, name, **changes))
     assert {subtask for subtask, passed in found.passed.items() if not passed} == failed
+
+
+ON_STAND = STAND.height + CUP.height / 2
+STACKED = {"approach": 1.0, "grasp": 2.0, "carry": 3.0, "put": 4.0}
+
+
+def stacking() -> list[WorldState]:
+    """A trial in which the cup is put on the stand; it stands where the jar does else."""
+    return [
+        _with_stand(each)
+        for each in (
+            state(0.0, (0.5, -0.15, TABLE)),
+            state(1.0, (0.5, -0.15, TABLE)),
+            state(2.0, (0.5, -0.15, TABLE), held=True, opening=0.065),
+            state(3.0, (0.5, 0.15, ON_STAND + 0.1), held=True, opening=0.065),
+            state(4.0, (0.5, 0.155, ON_STAND)),
+        )
+    ]
+
+
+def _with_stand(there: WorldState) -> WorldState:
+    cup = there.objects[0]
+    stand = ObjectState(STAND.name, Pose(np.array([0.5, 0.15, STAND.height / 2]), LEVEL), False, False)
+    return replace(there, objects=(cup, stand))
+
+
+def test_a_cup_on_the_stand_passes() -> None:
+    assert score_stack(stacking(), CUP, STAND, STACKED) == dict.fromkeys(STACKED, True)
+
+
+@pytest.mark.parametrize(
+    ("index", "name", "changes", "failed"),
+    [
+        (3, CUP.name, {"touches_finger_1": False}, {"carry"}),
+        (3, CUP.name, {"pose": Pose(np.array([0.5, 0.05, ON_STAND + 0.1]), LEVEL)}, {"carry"}),
+        (4, CUP.name, {"touches_finger_1": True}, {"put"}),
+        (4, CUP.name, {"pose": Pose(np.array([0.5, 0.18, ON_STAND]), LEVEL)}, {"put"}),
+        (4, CUP.name, {"pose": Pose(np.array([0.5, 0.15, TABLE]), LEVEL)}, {"put"}),
+        (4, CUP.name, {"pose": Pose(np.array([0.5, 0.15, ON_STAND]), TIPPED)}, {"put"}),
+        (4, STAND.name, {"pose": Pose(np.array([0.5, 0.165, STAND.height / 2]), LEVEL)}, {"put"}),
+    ],
+)
+def test_each_condition_of_stacking_counts(index: int, name: str, changes: dict[str, Any], failed: set[str]) -> None:
+    found = score_stack(changed(stacking(), index, name, **changes), CUP, STAND, STACKED)
+    assert {subtask for subtask, passed in found.items() if not passed} == failed
+
+
+def test_stacking_that_was_not_completed_has_not_passed() -> None:
+    assert score_stack(stacking(), CUP, STAND, {}) == dict.fromkeys(STACKED, False)
