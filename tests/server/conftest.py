@@ -50,6 +50,8 @@ class World:
     still_since: float = 0.0
     moving: bool = False
     cup: NDArray[np.float64] = field(default_factory=lambda: np.array([240.0, 320.0, 150.0]))
+    others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Where other objects than the cup are, by name."""
     reads: float = 1.0
     """Share of a motion that the joints really make: the arm is not exact."""
     hidden: set[str] = field(default_factory=set)
@@ -95,6 +97,8 @@ class ToyRobot:
         self.hang = False
         self.pause = threading.Event()
         self.beats = 0
+        self.paces: list[float] = []
+        """Share of the speed limits of each change of the joints."""
 
     description = RobotDescription(
         joint_names=tuple(f"joint{n}" for n in range(1, 7)),
@@ -161,6 +165,7 @@ class ToyRobot:
                 self.world.still_since = self.world.time
 
     def adjust_joints(self, delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+        self.paces.append(pace.speed)
         self._command("adjust_joints", 1.0, watch)
         self.world.joints = self.world.joints + self.world.reads * np.asarray(delta)
         return self.state()
@@ -289,7 +294,7 @@ class ToySight:
         return ImagePair(object=self.see_object(left, right, name)[0], hand=self.see_hand(left, right)[0])
 
     def see_object(self, _left: Image, _right: Image, name: str, /) -> tuple[ImagePoint, float]:
-        return self._seen("object", name, self.world.cup)
+        return self._seen("object", name, self.world.others.get(name, self.world.cup))
 
     def see_hand(self, _left: Image, _right: Image, /) -> tuple[ImagePoint, float]:
         return self._seen("hand", "marker 7", self.world.hand)

@@ -306,7 +306,7 @@ class Jobs(PageModel):
 class JobEvent(Model):
     """Something that happened in a job; `number` counts from 1.
 
-    `kind` is state (data: the job), progress, subtask, look, not_seen, stop or posture.
+    `kind` is state (data: the job), progress, subtask, look, waypoint, not_seen, stop or posture.
     """
 
     number: int

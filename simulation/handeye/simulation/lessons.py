@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.simulation import grasping, kinematics, pouring
-from handeye.simulation.objects import JAR, ObjectSpec
+from handeye.simulation.objects import JAR, STAND, ObjectSpec
 from handeye.simulation.places import Area, Place, Purpose, draw, draw_in
 from handeye.simulation.scatter import Scatter
 from handeye.simulation.scene import WorldState
@@ -95,7 +95,25 @@ def pour(spec: ObjectSpec) -> Lesson:
     return Lesson("pour", (spec, JAR), _two_areas, plan)
 
 
-LESSONS: dict[str, Callable[[ObjectSpec], Lesson]] = {"grasp": grasp, "pour": pour}
+def stack(spec: ObjectSpec) -> Lesson:
+    """The cup is put on a stand. The last piece goes down without looking: there the cup hides the stand."""
+
+    def plan(world: WorldState) -> tuple[Move, ...]:
+        chain = _chain(world, spec)
+        stand = world.object(STAND.name).pose.position[:2]
+        high, near, down = (
+            pouring.standing_on(stand, STAND.height + above, spec, chain["grasp"]) for above in (0.10, 0.05, _DROP)
+        )
+        return (
+            *_taking(chain, looks=3),
+            Move("carry", high, 3, AROUND_HELD, STAND.name),
+            Move("put", near, 1, AROUND_HELD, STAND.name, way=(down,), action="open_gripper"),
+        )
+
+    return Lesson("stack", (spec, STAND), _two_areas, plan)
+
+
+LESSONS: dict[str, Callable[[ObjectSpec], Lesson]] = {"grasp": grasp, "pour": pour, "stack": stack}
 """By name, for the cup to do them with."""
 
 

@@ -108,6 +108,12 @@ CUPS: dict[str, ObjectSpec] = {
 JAR = ObjectSpec("green jar", "cup", radius=0.050, height=0.090, mass=0.35, color=(0.05, 0.50, 0.22))
 """What is poured into: too wide for the hand to grasp."""
 
+STAND = ObjectSpec("red stand", "cup", radius=0.055, height=0.050, wall=0.027, mass=0.60, color=(0.78, 0.12, 0.10))
+"""What a cup is put on: a ring with a hole that is smaller than a cup."""
+
+CATALOGUE: dict[str, ObjectSpec] = CUPS | {spec.name: spec for spec in (JAR, STAND)}
+"""What can be put on the table, by name."""
+
 GRID = ObjectSpec("grid", "grid", radius=0.27, height=0.006, wall=0.0, mass=1.0, color=(1.0, 1.0, 1.0))
 """The thesis's grid target (3, Fig 4.16): 9×9 intersections 5 cm apart, 40×40 cm between the outermost."""
 

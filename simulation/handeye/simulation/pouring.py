@@ -1,4 +1,4 @@
-"""Where the hand has to be to pour from a cup into a jar beside it, and to set cups down.
+"""Where the hand has to be to pour from a cup into a jar beside it, and to set cups down beside or on things.
 
 For the teacher and for tests, as `handeye.simulation.grasping`. The cup comes from the robot's right (−y), and is
 turned about the approach direction, mostly by joint 6, so that its lip stays over the jar.
@@ -49,6 +49,11 @@ def pouring_chain(jar: Array, jar_spec: ObjectSpec, cup: ObjectSpec, near: Array
             near = solve(pose, near)
             found[name].append(near)
     return found | {"beside": [solve(beside, found["start"][0])]}
+
+
+def standing_on(place: Array, height: float, cup: ObjectSpec, near: Array) -> Array:
+    """The joints (6,), rad, nearest to `near`, with a grasped cup's bottom `height` above the table at (2,), m."""
+    return solve(grasping.grasp_pose(place, height + cup.height / 2), near)
 
 
 def solve(pose: Array, near: Array) -> Array:

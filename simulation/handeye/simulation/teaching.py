@@ -21,7 +21,7 @@ from handeye.rpc.errors import Cancelled
 from handeye.rpc.process import until_stopped
 from handeye.simulation.lab import LabClient
 from handeye.simulation.lessons import LESSONS
-from handeye.simulation.objects import CUPS, ObjectSpec
+from handeye.simulation.objects import CATALOGUE, CUPS, ObjectSpec
 from handeye.simulation.places import Purpose, generator
 from handeye.simulation.teacher import Teacher
 
@@ -40,7 +40,7 @@ def teach(
 
     Ends early, with the arm braked, by `Cancelled`: on TERM, on Ctrl-C, and with `watch_parent` when stdin ends.
     """
-    shown = LESSONS[lesson](_catalogued(object_name))
+    shown = LESSONS[lesson](_catalogued(object_name, CUPS))
     with ExitStack() as opened:
         stop = opened.enter_context(until_stopped(watch_parent))
         robot, lab, client = opened.enter_context(joined(state_dir))
@@ -55,20 +55,37 @@ def teach(
         client.train(task)
 
 
-def place(*, object_name: str, at: tuple[float, float], seed: int, state_dir: Path | None) -> None:
-    """Sets the laboratory up for the next run: arm parked and free to move, the object alone at `at`, (x, y) in m."""
-    spec = _catalogued(object_name)
+def place(
+    *,
+    object_name: str,
+    at: tuple[float, float],
+    seed: int,
+    state_dir: Path | None,
+    beside: tuple[str, float, float] | None = None,
+    liquid: int = 0,
+) -> None:
+    """Sets the laboratory up for the next run: arm parked and free to move, the object at `at`, (x, y) in m.
+
+    `beside`: another object, by name, and its x and y; else it is alone. `liquid`: so many particles are in the object.
+    """
+    placed = [(_catalogued(object_name, CATALOGUE), at)]
+    if beside is not None:
+        name, x, y = beside
+        placed.append((_catalogued(name, CATALOGUE), (x, y)))
     with joined(state_dir) as (robot, lab, _client):
         lab.reset(seed)
-        lab.place(spec, at, yaw=0.0)
+        for spec, where in placed:
+            lab.place(spec, where, yaw=0.0)
+        if liquid:
+            lab.fill(object_name, liquid)
         if robot.state().stopped:
             robot.reset()
 
 
-def _catalogued(object_name: str) -> ObjectSpec:
-    if object_name not in CUPS:
-        raise CliError(f"there is no {object_name!r} in the catalogue; there are: {', '.join(CUPS)}")
-    return CUPS[object_name]
+def _catalogued(object_name: str, catalogue: Mapping[str, ObjectSpec]) -> ObjectSpec:
+    if object_name not in catalogue:
+        raise CliError(f"there is no {object_name!r} in the catalogue; there are: {', '.join(catalogue)}")
+    return catalogue[object_name]
 
 
 @contextmanager

@@ -36,6 +36,7 @@ class What(StrEnum):
     RESILIENCE = "resilience"
     SUPPORT = "support"
     POUR = "pour"
+    STACK = "stack"
 
 
 class Shown(StrEnum):
@@ -43,6 +44,7 @@ class Shown(StrEnum):
 
     GRASP = "grasp"
     POUR = "pour"
+    STACK = "stack"
 
 
 def register(app: typer.Typer) -> None:
@@ -75,21 +77,25 @@ def register(app: typer.Typer) -> None:
 
     @app.command("place")
     def place(
-        object_name: Annotated[str, typer.Argument(metavar="OBJECT", help="Which cup of the catalogue.")],
+        object_name: Annotated[str, typer.Argument(metavar="OBJECT", help="What of the catalogue.")],
         at: Annotated[
             tuple[float, float],
             typer.Option(
                 metavar="X Y", help="m; x away from the robot (taught: 0.45..0.75), y to its left (-0.15..0.15)."
             ),
         ] = (0.6, 0.0),
+        beside: Annotated[
+            tuple[str, float, float] | None, typer.Option(metavar="OBJECT X Y", help="Another one, and where.")
+        ] = None,
+        liquid: Annotated[int, typer.Option(min=0, help="Particles to fill in; 40 are a quarter of a cup.")] = 0,
         seed: Annotated[int, typer.Option(min=0, help="Seed of the world's noises.")] = 1,
         state_dir: Annotated[Path | None, typer.Option(help="State directory of the `handeye up`.")] = None,
     ) -> None:
-        """Make the world of a running `handeye up` anew: arm parked and free to move, one cup on the table."""
+        """Make the world of a running `handeye up` anew: arm parked and free to move, a cup on the table."""
         with silence():
             from handeye.simulation.teaching import place as run
 
-        run(object_name=object_name, at=at, seed=seed, state_dir=state_dir)
+        run(object_name=object_name, at=at, seed=seed, state_dir=state_dir, beside=beside, liquid=liquid)
 
     @app.command("collect")
     def collect(

@@ -12,7 +12,7 @@ from handeye.simulation.lessons import pour
 from handeye.simulation.liquid import PARTICLES
 from handeye.simulation.objects import CUPS, JAR
 from handeye.simulation.scene import WorldState
-from handeye.simulation.scoring_pour import SUBTASKS, score_pour
+from handeye.simulation.scoring_two import POUR_SUBTASKS, score_pour
 
 _CUP = CUPS["blue cup"]
 _THESIS = {"approach": "100 %", "grasp": "100 %", "delivery": "100 %", "pour": "80 %", "replace": "100 %"}
@@ -35,7 +35,7 @@ def _figures(trials: Sequence[Trial]) -> tuple[Figure, ...]:
             [all(each["passed"].values()) for each in trials],
             95.0,
         ),
-        *(share(name, [each["passed"][name] for each in trials], None, _THESIS[name]) for name in SUBTASKS),
+        *(share(name, [each["passed"][name] for each in trials], None, _THESIS[name]) for name in POUR_SUBTASKS),
         average("liquid that arrives", [100 * each["arrived"] for each in trials], "%", least=95.0),
         average("liquid that is spilled", [100 * each["spilled"] for each in trials], "%"),
         average("looks", [sum(each["looks"].values()) for each in trials], "looks"),
