@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handeye.client.models import Head
 from handeye.simulation import grasping, kinematics, puma, rig
-from handeye.simulation.experimenter import in_view
 from handeye.simulation.gripper import TOOL_FROM_MARKER
 from handeye.simulation.lessons import AROUND_RELEASE, CUPS_AREA, JARS_AREA, LESSONS, Lesson
 from handeye.simulation.objects import CUPS, JAR
@@ -21,7 +19,7 @@ from handeye.simulation.teacher import near
 
 CUP = CUPS["blue cup"]
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
-HEAD = Head(pan=0.0, tilt=rig.rig().head.home[1], moving=False, world_time=0.0)
+HOME = rig.rig().head.home
 
 corners = st.tuples(*(st.sampled_from([-0.5, 0.0, 0.5]) for _ in range(4)))
 
@@ -75,11 +73,11 @@ def test_both_cameras_see_all_that_a_look_is_about(name: str, corner: tuple[floa
     for spec in lesson.objects:
         x, y, _ = world.object(spec.name).pose.position
         for side in (-spec.radius, spec.radius):
-            assert in_view(np.array([x, y + side, 0.0]), HEAD, 5.0)
-            assert in_view(np.array([x, y + side, spec.height]), HEAD, 5.0)
+            assert rig.in_view(np.array([x, y + side, 0.0]), *HOME, 5.0)
+            assert rig.in_view(np.array([x, y + side, spec.height]), *HOME, 5.0)
     for move in lesson.plan(world):
         marker = (kinematics.forward(move.goal) @ TOOL_FROM_MARKER)[:3, 3]
-        assert in_view(marker, HEAD, 30.0)
+        assert rig.in_view(marker, *HOME, 30.0)
 
 
 def test_the_lip_stays_over_the_jar_while_the_cup_is_emptied() -> None:
