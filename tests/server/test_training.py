@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from handeye.modules import ijs
+from handeye.modules import css, ijs
 from handeye.modules.declaration import ApproximatorSettings
-from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.spaces import HandPoint, ImagePair, ImagePoint
+from handeye.server.answering import NothingTaught
 from handeye.server.demonstration import Demonstration
 from handeye.server.demonstrations import Demonstrations, Incomplete
 from handeye.server.livemodules import LiveModules
@@ -29,9 +30,14 @@ def recorded(store: Store) -> Demonstrations:
 
 
 @pytest.fixture
-def tasks(store: Store) -> Tasks:
-    modules = LiveModules(store)
-    modules.load()
+def modules(store: Store) -> LiveModules:
+    live = LiveModules(store)
+    live.load()
+    return live
+
+
+@pytest.fixture
+def tasks(store: Store, modules: LiveModules) -> Tasks:
     return Tasks(store, modules)
 
 
@@ -128,3 +134,50 @@ def test_the_order_of_the_subtasks_is_that_of_their_first_observation(recorded: 
     assert recorded.get(demonstration.id).subtask_names == ("approach", "grasp")
     with pytest.raises(Incomplete, match="'approach', 'grasp'"):
         recorded.finish(demonstration.id)
+
+
+CORNERS = tuple((200.0 + row, 300.0 + column, 150.0) for row, column in ((-9, -9), (-9, 9), (9, 9), (9, -9)))
+OUTLINED = ImagePair(object=FOUND.object, hand=HandPoint(190.0, 320.0, 153.0, CORNERS))
+
+
+def outlined(recorded: Demonstrations) -> None:
+    """A demonstration in which the hand was always seen with its outline."""
+    demonstration = recorded.begin("grasp", "cup")
+    for at, goal in ((0.1, False), (0.5, True)):
+        recorded.observe(demonstration.id, "a", OUTLINED, joints(at), 1.0, goal=goal, key=True)
+    recorded.finish(demonstration.id)
+
+
+def teach_css(modules: LiveModules) -> None:
+    """Metric enough: what is far apart in the picture is far apart in space."""
+    modules.create(css.DECLARATION)
+    rows = np.random.default_rng(0).uniform([100.0, 200.0, 100.0], [300.0, 400.0, 200.0], (200, 3))
+    modules.add("CSS", rows, (rows - 200.0) / 600.0, [None] * len(rows))
+
+
+def test_with_css_the_way_is_told_in_the_hands_axes(
+    recorded: Demonstrations, tasks: Tasks, modules: LiveModules
+) -> None:
+    outlined(recorded)
+    assert tasks.train("grasp", recorded.trainable("grasp"), TrainRequest()).frame == "picture"
+    teach_css(modules)
+    assert tasks.train("grasp", recorded.trainable("grasp"), TrainRequest()).frame == "hand"
+    trained = tasks.get("grasp")
+    assert trained.frame == "hand"
+    assert [each.name for each in tasks.module(trained).declaration.inputs[1:4]] == ["right", "up", "out"]
+    turn, _ = trained.answer("a", OUTLINED, joints(0.5))
+    assert np.isfinite(turn.angles).all()
+    assert tasks.train("grasp", recorded.trainable("grasp"), TrainRequest(frame="picture")).frame == "picture"
+    modules.delete("CSS")
+    with pytest.raises(NothingTaught, match="collect CSS"):
+        tasks.train("grasp", recorded.trainable("grasp"), TrainRequest(frame="hand"))
+
+
+def test_hands_that_were_seen_as_points_have_no_axes(
+    recorded: Demonstrations, tasks: Tasks, modules: LiveModules
+) -> None:
+    shown(recorded)
+    teach_css(modules)
+    assert tasks.train("grasp", recorded.trainable("grasp"), TrainRequest()).frame == "picture"
+    with pytest.raises(NotTeachable, match="point only"):
+        tasks.train("grasp", recorded.trainable("grasp"), TrainRequest(frame="hand"))
