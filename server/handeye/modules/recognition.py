@@ -7,8 +7,9 @@ distortion leaves a few px) and lies farther to the right in the left one: what 
 from __future__ import annotations
 
 from handeye.modules.marker import Marker, MarkerSighting
-from handeye.modules.object_model import Image, ObjectModel, Sighting
+from handeye.modules.object_model import ObjectModel, Sighting
 from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.window import Image
 
 ROW_TOLERANCE = 6.0
 """How far the rows of one point may differ between left and right picture, in px."""
