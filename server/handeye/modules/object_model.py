@@ -101,6 +101,10 @@ class ObjectModel:
                 found.append(sighting)
         return sorted(found, key=lambda sighting: -sighting.score)
 
+    def likeness(self, image: Image) -> NDArray[np.uint8]:
+        """How probably each pixel shows the object, 0…255: a grey picture of the same (rows, columns)."""
+        return np.asarray(np.rint(255 * self.object_probability.ravel()[lab_bins(image)]), dtype=np.uint8)
+
     def _refine(self, image: Image, start: FloatArray) -> Sighting | None:
         """The object near the warp `start`, or None when what is there has another shape."""
         rows, columns = 1.4 * start[1, 1], 1.4 * start[0, 0]

@@ -30,6 +30,7 @@ class What(StrEnum):
     CSS = "css"
     SCS = "scs"
     REACH = "reach"
+    VISION = "vision"
 
 
 def register(app: typer.Typer) -> None:

@@ -15,13 +15,14 @@ from rich.console import Console
 from handeye.cli.progress import counted
 from handeye.cli.up import Clock, Stack
 from handeye.client import Client, HandeyeError
+from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc import Bus
 from handeye.rpc.errors import RpcError
 from handeye.simulation.evaluation.outcome import Figure, Outcome
 from handeye.simulation.experimenter import Experimenter
 from handeye.simulation.lab import LabClient
 from handeye.simulation.report import Picture
-from handeye.simulation.teaching import lab_settings
+from handeye.simulation.teaching import acting_settings, lab_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,8 @@ class Site:
     client: Client
     lab: LabClient
     experimenter: Experimenter
+    robot: RemoteRobot
+    """For the teacher."""
     console: Console
 
     def progress(self, title: str, total: int) -> AbstractContextManager[Callable[[], None]]:
@@ -82,10 +85,10 @@ def _measured(
         stack = opened.enter_context(Stack(state_dir, clock=clock, console=console))
         client = opened.enter_context(Client(stack.url, stack.token))
         lab = LabClient(opened.enter_context(Bus.open(lab_settings(stack.lab), name="evaluation")))
+        robot = RemoteRobot(opened.enter_context(Bus.open(acting_settings(stack.acting), name="teacher")), "teacher")
+        site = Site(client, lab, Experimenter(lab, client, seed), robot, console)
         try:
-            return evaluation.measure(
-                Site(client, lab, Experimenter(lab, client, seed), console), seed, trials, pictures
-            )
+            return evaluation.measure(site, seed, trials, pictures)
         except (HandeyeError, RpcError):
             stack.check()  # says which process died rather than what that did to a call
             raise
