@@ -4,11 +4,12 @@
 
 Pictures are drawn, 640 × 480: a cup, a marker on an arm, a table. Searching is told apart from aligning to a fraction
 of a pixel, which costs the same in a window. The guide's own time is beside them: an MDF tree of as many pictures as it
-keeps. One thread, calls by turns, medians.
+keeps. One thread and its processor time, calls by turns, medians.
 """
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import cv2
 import numpy as np
@@ -51,9 +52,9 @@ def places(random: np.random.Generator) -> tuple[Floats, Floats]:
 def by_turns(calls: dict[str, Callable[[], object]], took: dict[str, list[float]]) -> None:
     for _ in range(ROUNDS):
         for name, call in calls.items():
-            started = time.perf_counter()
+            started = time.thread_time()
             call()
-            took.setdefault(name, []).append(1e3 * (time.perf_counter() - started))
+            took.setdefault(name, []).append(1e3 * (time.thread_time() - started))
 
 
 def taught(pictures: Sequence[NDArray[np.uint8]], at: Sequence[Floats], reach: float) -> Guide:
@@ -73,8 +74,7 @@ def main() -> None:
     lessons = [places(random) for _ in range(240)]
     small = [reduced(draw(random, *lesson)) for lesson in lessons]
     cup_guide = taught([model.likeness(each) for each in small], [cup for cup, _ in lessons], 160.0)
-    greys = [np.asarray(cv2.cvtColor(each, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for each in small]
-    hand_guide = taught(greys, [hand for _, hand in lessons], 30.0)
+    hand_guide = taught([grey(each) for each in small], [hand for _, hand in lessons], 30.0)
     took: dict[str, list[float]] = {}
     for _ in range(SCENES):
         cup, hand = places(random)
@@ -85,18 +85,22 @@ def main() -> None:
         assert at_cup is not None
         by_turns(
             {
-                "object, search, whole": lambda p=picture: search(model, p, Window.whole(p.shape)),
-                "object, search, window": lambda p=picture, w=at_cup: search(model, p, w),
-                "object, found, whole": lambda p=picture: model.locate(p),
-                "object, found, window": lambda p=picture, w=at_cup: model.locate(p, w),
-                "object, guide": lambda p=picture: cup_guide.guess(model.likeness(reduced(p))),
-                "hand, found, whole": lambda p=picture: marker.locate(p),
-                "hand, found, window": lambda p=picture, w=at_hand: marker.locate(p, w),
-                "hand, guide": lambda p=picture: hand_guide.guess(grey(reduced(p))),
+                "object, search, whole": partial(search, model, picture, Window.whole(picture.shape)),
+                "object, search, window": partial(search, model, picture, at_cup),
+                "object, found, whole": partial(model.locate, picture),
+                "object, found, window": partial(model.locate, picture, at_cup),
+                "object, guide": partial(guessed, cup_guide, picture, model.likeness),
+                "hand, found, whole": partial(marker.locate, picture),
+                "hand, found, window": partial(marker.locate, picture, at_hand),
+                "hand, guide": partial(guessed, hand_guide, picture, grey),
             },
             took,
         )
     report({name: np.array(values) for name, values in took.items()})
+
+
+def guessed(guide: Guide, picture: Image, view: Callable[[Image], NDArray[np.uint8]]) -> object:
+    return guide.guess(view(reduced(picture)))
 
 
 def search(model: ObjectModel, picture: Image, window: Window) -> list[Floats]:

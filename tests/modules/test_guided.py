@@ -174,11 +174,11 @@ def test_a_picture_from_elsewhere_has_low_support(artist: Artist, taught: tuple[
 def test_an_object_that_is_learned_anew_has_guides_to_learn_anew(artist: Artist) -> None:
     guided = GuidedRecogniser(Recogniser())
     guided.register("cup", model())
-    random = np.random.default_rng(6)
-    for _ in range(24):
-        guided.see_object(*scene(artist, random), "cup")
+    pair = scene(artist, np.random.default_rng(6))
+    for number in range(24):
+        left, right = (np.roll(image, (3 * (number % 5) - 6, 4 * (number % 7) - 12), (0, 1)) for image in pair)
+        guided.see_object(left, right, "cup")
     rebuilt(guided)
-    pair = scene(artist, random)
     assert guided.guesses(*pair, "cup") is not None
     guided.register("cup", model())
     assert guided.guesses(*pair, "cup") is None

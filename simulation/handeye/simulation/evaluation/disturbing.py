@@ -6,7 +6,7 @@ model of what lenses, lamps and shelves do. Each disturbance has levels from non
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.modules.recognition import NotSeen, Recogniser
-from handeye.modules.spaces import ImagePoint
+from handeye.modules.spaces import ImagePair, ImagePoint
 from handeye.simulation.report import Picture
 
 Image = NDArray[np.uint8]
 Pair = tuple[Image, Image]
+Places = tuple[tuple[float, float], tuple[float, float]]
+"""(row, column) of object and hand in one picture."""
 
 NEAR = 3.0
 """A find is right when row, column and disparity are within so many px of the undisturbed pictures' find."""
@@ -30,42 +32,42 @@ _THUMB = (320, 240)
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """One way to spoil pictures. `apply` takes a picture, the object's place in it, a level and random numbers."""
+    """One way to spoil pictures. `apply` takes a picture, the object's and the hand's place in it, a level, chance."""
 
     name: str
     unit: str
     levels: tuple[float, ...]
-    apply: Callable[[Image, tuple[float, float], float, np.random.Generator], Image]
+    apply: Callable[[Image, Places, float, np.random.Generator], Image]
 
 
 def _as_bytes(values: NDArray[Any]) -> Image:
     return np.asarray(np.clip(np.rint(values), 0, 255), dtype=np.uint8)
 
 
-def _light(image: Image, _place: tuple[float, float], gain: float, _random: np.random.Generator) -> Image:
+def _light(image: Image, _places: Places, gain: float, _random: np.random.Generator) -> Image:
     return _as_bytes(image * gain)
 
 
-def _tint(image: Image, _place: tuple[float, float], warmth: float, _random: np.random.Generator) -> Image:
+def _tint(image: Image, _places: Places, warmth: float, _random: np.random.Generator) -> Image:
     return _as_bytes(image * np.array([1 + warmth, 1.0, 1 - warmth]))
 
 
-def _noise(image: Image, _place: tuple[float, float], deviation: float, random: np.random.Generator) -> Image:
+def _noise(image: Image, _places: Places, deviation: float, random: np.random.Generator) -> Image:
     return _as_bytes(image + random.normal(0.0, deviation, image.shape))
 
 
-def _blur(image: Image, _place: tuple[float, float], deviation: float, _random: np.random.Generator) -> Image:
+def _blur(image: Image, _places: Places, deviation: float, _random: np.random.Generator) -> Image:
     return _as_bytes(cv2.GaussianBlur(image, (0, 0), deviation)) if deviation else image
 
 
-def _clutter(image: Image, place: tuple[float, float], count: float, random: np.random.Generator) -> Image:
-    """Boxes and balls of any colour, anywhere but over the object and where the arm comes in."""
+def _clutter(image: Image, places: Places, count: float, random: np.random.Generator) -> Image:
+    """Boxes and balls of any colour, anywhere but over object and hand."""
     crowded = image.copy()
     rows, columns = image.shape[:2]
     while count > 0:
         row, column = random.uniform((0, 0), (rows, columns))
         size, colour = random.uniform(8, 40, 2), random.integers(0, 256, 3).tolist()
-        if abs(row - place[0]) < _BOX[0] + size[0] and abs(column - place[1]) < _BOX[1] + size[1]:
+        if any(abs(row - at[0]) < _BOX[0] + size[0] and abs(column - at[1]) < _BOX[0] + size[1] for at in places):
             continue
         count -= 1
         if random.random() < 0.5:
@@ -77,8 +79,9 @@ def _clutter(image: Image, place: tuple[float, float], count: float, random: np.
     return crowded
 
 
-def _occlude(image: Image, place: tuple[float, float], part: float, _random: np.random.Generator) -> Image:
+def _occlude(image: Image, places: Places, part: float, _random: np.random.Generator) -> Image:
     """A grey board before the object's left side."""
+    place, _ = places
     hidden = image.copy()
     top, bottom = (int(place[0] + sign * 1.5 * _BOX[0]) for sign in (-1, 1))
     left = int(place[1] - 1.5 * _BOX[1])
@@ -101,40 +104,43 @@ def disturbed(
     recogniser: Recogniser, name: str, pairs: Sequence[Pair], random: np.random.Generator
 ) -> list[dict[str, Any]]:
     """Object and hand in each pair under each disturbance at each level, beside what is found undisturbed."""
-    told = []
+    told: list[dict[str, Any]] = []
     for pair in pairs:
-        expected = {thing: _find(recogniser, pair, name if thing == "object" else None) for thing in ("object", "hand")}
-        at = expected["object"]
+        at = _both(recogniser, name, pair)
         if at is None:
             continue
         for kind in DISTURBANCES:
             for level in kind.levels:
                 spoilt = _spoilt(kind, level, pair, at, random)
-                found = {
-                    thing: _judge(_find(recogniser, spoilt, name if thing == "object" else None), expected[thing])
-                    for thing in expected
-                }
-                told.append({"what": "disturbed", "kind": kind.name, "level": level, **found})
+                found = _find(recogniser, spoilt, name), _find(recogniser, spoilt, None)
+                told.append(
+                    {
+                        "what": "disturbed",
+                        "kind": kind.name,
+                        "level": level,
+                        "object": _judge(found[0], at.object),
+                        "hand": _judge(found[1], at.hand),
+                        "object_off_px": None if found[0] is None else _off(found[0], at.object),
+                    }
+                )
     return told
 
 
 def shown(recogniser: Recogniser, name: str, pair: Pair, random: np.random.Generator) -> list[Picture]:
     """One row of left pictures for each disturbance, with what is found of the object at each level."""
-    at = _find(recogniser, pair, name)
-    if at is None:
-        return []
-    return [_row(recogniser, name, pair, at, kind, random) for kind in DISTURBANCES]
+    at = _both(recogniser, name, pair)
+    return [] if at is None else [_row(recogniser, name, pair, at, kind, random) for kind in DISTURBANCES]
 
 
 def _row(
-    recogniser: Recogniser, name: str, pair: Pair, at: ImagePoint, kind: Disturbance, random: np.random.Generator
+    recogniser: Recogniser, name: str, pair: Pair, at: ImagePair, kind: Disturbance, random: np.random.Generator
 ) -> Picture:
     thumbs = []
     for level in kind.levels:
         spoilt = _spoilt(kind, level, pair, at, random)
         found = _find(recogniser, spoilt, name)
         thumb = np.ascontiguousarray(cv2.resize(spoilt[0], _THUMB, interpolation=cv2.INTER_AREA))
-        colour = (60, 220, 60) if _judge(found, at) == "right" else (230, 40, 40)
+        colour = (60, 220, 60) if _judge(found, at.object) == "right" else (230, 40, 40)
         if found is not None:
             centre = (round(found.column / 2), round(found.row / 2))
             cv2.drawMarker(thumb, centre, (255, 255, 255), cv2.MARKER_CROSS, 26, 5)
@@ -146,9 +152,24 @@ def _row(
     return Picture(jpeg.tobytes(), caption)
 
 
-def _spoilt(kind: Disturbance, level: float, pair: Pair, at: ImagePoint, random: np.random.Generator) -> Pair:
-    left = kind.apply(pair[0], (at.row, at.column), level, random)
-    return left, kind.apply(pair[1], (at.row, at.column - at.disparity), level, random)
+def _spoilt(kind: Disturbance, level: float, pair: Pair, at: ImagePair, random: np.random.Generator) -> Pair:
+    left, right = (
+        kind.apply(image, (_in_picture(at.object, share), _in_picture(at.hand, share)), level, random)
+        for image, share in zip(pair, (0.0, 1.0), strict=True)
+    )
+    return left, right
+
+
+def _in_picture(point: ImagePoint, share: float) -> tuple[float, float]:
+    """(row, column) in the left (0) or in the right picture (1)."""
+    return point.row, point.column - share * point.disparity
+
+
+def _both(recogniser: Recogniser, name: str, pair: Pair) -> ImagePair | None:
+    try:
+        return recogniser.see(*pair, name)
+    except NotSeen:
+        return None
 
 
 def _find(recogniser: Recogniser, pair: Pair, name: str | None) -> ImagePoint | None:
@@ -158,17 +179,12 @@ def _find(recogniser: Recogniser, pair: Pair, name: str | None) -> ImagePoint | 
         return None
 
 
-def _judge(found: ImagePoint | None, expected: ImagePoint | None) -> str:
+def _off(found: ImagePoint, expected: ImagePoint) -> float:
+    return float(np.abs(found.array() - expected.array()).max())
+
+
+def _judge(found: ImagePoint | None, expected: ImagePoint) -> str:
     """ "right", "missed" (which recognition says itself), or "wrong" (which it does not)."""
-    if found is None or expected is None:
+    if found is None:
         return "missed"
-    return "right" if np.abs(found.array() - expected.array()).max() <= NEAR else "wrong"
-
-
-def tally(told: Sequence[Mapping[str, Any]], kind: str, thing: str, judgement: str) -> dict[float, float]:
-    """Level → share of the pictures disturbed by `kind` of which `thing` was judged so."""
-    levels: dict[float, list[bool]] = {}
-    for each in told:
-        if each["what"] == "disturbed" and each["kind"] == kind:
-            levels.setdefault(each["level"], []).append(each[thing] == judgement)
-    return {level: sum(passed) / len(passed) for level, passed in levels.items()}
+    return "right" if _off(found, expected) <= NEAR else "wrong"
