@@ -47,7 +47,7 @@ def turned(rotation: tuple[float, float, float]) -> Array:
 def look(place: Array, rotation: Array) -> ImagePair:
     """A hand at `place` whose axes are the columns of `rotation`, and an object `WAY` from it."""
     hand, *corners, thing = seen(place + np.array([np.zeros(3), *CORNERS, WAY]) @ rotation.T).tolist()
-    return ImagePair(ImagePoint(*thing), HandPoint(*hand, outline=tuple(map(tuple, corners))))
+    return ImagePair(ImagePoint(*thing), HandPoint(hand[0], hand[1], hand[2], tuple(map(tuple, corners))))
 
 
 FACING = np.diag([1.0, -1.0, -1.0])  # a marker that is read straight: its up is the camera's -y

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from contextlib import closing
+
 import cv2
 import numpy as np
 import pytest
@@ -53,3 +56,19 @@ def test_colours_survive_the_encoding() -> None:
     image = cv2.imdecode(np.frombuffer(jpeg(with_cup(100)), np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     np.testing.assert_allclose(image[115, 120], (30, 40, 200), atol=12)  # blue green red
+
+
+def test_guides_are_made_anew_beside_the_looks_and_end_with_the_vision() -> None:
+    with closing(Vision()) as vision:
+        vision.learn("cup", [EMPTY, EMPTY], [with_cup(150), with_cup(110)])
+        assert vision.guesses(with_cup(150), with_cup(110), "cup") is None
+        for column in range(100, 148, 2):
+            vision.see_object(with_cup(column + 40), with_cup(column), "cup")
+        vision.settle()
+        said = vision.guesses(with_cup(155), with_cup(115), "cup")
+        assert said is not None
+        assert said.trusted
+        assert abs(said.left.column - 175) < 20
+    for column in range(24):  # closed: nothing is made anew
+        vision.see_object(with_cup(column + 140), with_cup(column + 100), "cup")
+    assert "guides" not in {thread.name for thread in threading.enumerate()}

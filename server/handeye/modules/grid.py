@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye.modules.object_model import Image
 from handeye.modules.recognition import ROW_TOLERANCE, NotSeen
+from handeye.modules.window import Image
 
 Corners = NDArray[np.float64]
 

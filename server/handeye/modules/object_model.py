@@ -25,18 +25,14 @@ from handeye.modules.alignment import (
     GreyImage,
     Pattern,
     align,
-    predict,
 )
+from handeye.modules.silhouette import BINS, MARGIN, Template, lab_bins, rough_places, templates, upright
+from handeye.modules.window import Image, Window
 
-Image = NDArray[np.uint8]
-"""Colour picture, shape (rows, columns, 3), red green blue."""
-
-_BINS = 64  # per Lab channel
 _COLOUR_NOISE = 1.2  # bins: spread given to every registered colour
 _STRANGE = 2e-6  # density of colours never seen, per bin: anything not registered counts as something else
-_MARGIN = 1.4  # the silhouette pattern reaches this far beyond the object, in half sizes
 _PATTERN_SIZE = 96
-_COARSE = 4  # the first search runs on the probability map reduced by this
+_ROUGHLY = 4  # iterations of the rough alignment: the fine one goes on from there, to within a hundredth of a pixel
 _OUTLIER = (0.35, 0.2)  # probability residual of a pixel half distrusted, in the rough and in the fine alignment
 _HALVED_FROM_FULL = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1.0]])  # pixel centres of a halved picture
 _CHANGE = (4.0, 12.0)  # difference in Lab that counts as new: five times the noise, within these bounds
@@ -44,10 +40,7 @@ _DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
 _MIN_AREA = 80  # px
 _MAX_AREA_PART = 0.2  # of the picture
 _SIZE_TOLERANCE = 1.3  # beyond the sizes of the examples
-_MIN_RESPONSE = 0.35  # of the coarse search; the object in full view gives 1
-_RIVAL = 0.6  # of the best response: less is not worth a closer look
 _MIN_CORRELATION = 0.75  # with the silhouette; a cup half hidden by a finger has 0.8
-_MAX_CANDIDATES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +68,8 @@ class ObjectModel:
     """Median probability map of the examples over the object's box and a margin."""
     sizes: FloatArray
     """Half height and half width in px at each example, shape (examples, 2)."""
+    templates: tuple[Template, ...]
+    """The silhouette at the sizes that are searched for."""
 
     @classmethod
     def learn(cls, backgrounds: Sequence[Image], examples: Sequence[Image]) -> ObjectModel:
@@ -92,16 +87,24 @@ class ObjectModel:
         table = _probability_table(backgrounds, examples, masks)
         maps = [probability_map(example, table) for example in examples]
         silhouette, sizes = _silhouette(maps, masks)
-        return cls(table, silhouette, sizes)
+        return cls(table, silhouette, sizes, templates(silhouette, sizes))
 
-    def locate(self, image: Image) -> list[Sighting]:
-        """All places in `image` that look like the object, best first; empty when there is none."""
+    def locate(self, image: Image, window: Window | None = None) -> list[Sighting]:
+        """All places in `image`, or in a window of it, that look like the object, best first; empty when there is none.
+
+        In a window the answer is that of the whole picture, except that likenesses beyond it are not known.
+        """
+        searched = Window.whole(image.shape) if window is None else window
         found: list[Sighting] = []
-        for start in self._candidates(image):
+        for start in rough_places(image, self.object_probability, self.templates, searched):
             sighting = self._refine(image, start)
             if sighting is not None and not any(_same(sighting, other) for other in found):
                 found.append(sighting)
         return sorted(found, key=lambda sighting: -sighting.score)
+
+    def likeness(self, image: Image) -> NDArray[np.uint8]:
+        """How probably each pixel shows the object, 0…255: a grey picture of the same (rows, columns)."""
+        return np.asarray(np.rint(255 * self.object_probability.ravel()[lab_bins(image)]), dtype=np.uint8)
 
     def _refine(self, image: Image, start: FloatArray) -> Sighting | None:
         """The object near the warp `start`, or None when what is there has another shape."""
@@ -123,43 +126,11 @@ class ObjectModel:
         smallest, largest = self.sizes.min(axis=0), self.sizes.max(axis=0)
         return bool((size > smallest / _SIZE_TOLERANCE).all() and (size < largest * _SIZE_TOLERANCE).all())
 
-    def _candidates(self, image: Image) -> list[FloatArray]:
-        """Rough warps image_from_pattern: peaks of the correlation with the silhouette at a few sizes."""
-        reduced = cv2.resize(image, None, fx=1 / _COARSE, fy=1 / _COARSE, interpolation=cv2.INTER_AREA)
-        coarse = self.object_probability[_lab_bins(np.asarray(reduced, dtype=np.uint8))]
-        middle = np.exp(np.log(self.sizes).mean(axis=0))
-        spread = np.sqrt((self.sizes / middle).min()), np.sqrt((self.sizes / middle).max())
-        peaks: list[tuple[float, FloatArray]] = []
-        for scale in (0.93 * spread[0], 1.07 * spread[1]):
-            half = middle * scale
-            template = _template(self.silhouette, half)
-            pad_rows, pad_columns = template.shape[0] // 2, template.shape[1] // 2
-            padded = cv2.copyMakeBorder(
-                coarse, pad_rows, pad_rows, pad_columns, pad_columns, cv2.BORDER_CONSTANT, value=0.0
-            )
-            response = cv2.matchTemplate(padded, template, cv2.TM_CCORR)
-            for row, column, height in _peaks(np.asarray(response, dtype=np.float32), half / _COARSE):
-                row_px, column_px = ((value + 0.5) * _COARSE - 0.5 for value in (row, column))
-                peaks.append((height, _warp(row_px, column_px, half * _MARGIN)))
-        peaks.sort(key=lambda peak: -peak[0])
-        distinct: list[FloatArray] = []
-        for height, warp in peaks:
-            if height > _RIVAL * peaks[0][0] and not any(
-                np.abs((warp - other)[:2, 2] / np.diag(other)[:2]).max() < 0.3 for other in distinct
-            ):
-                distinct.append(warp)
-        return distinct[:_MAX_CANDIDATES]
-
 
 def probability_map(image: Image, table: NDArray[np.float32]) -> GreyImage:
     """Each pixel's probability of showing the object, lightly smoothed; shape (rows, columns)."""
-    seen = table[_lab_bins(image)]
+    seen = table.ravel()[lab_bins(image)]
     return np.asarray(cv2.GaussianBlur(seen, (0, 0), 1.0), dtype=np.float32)
-
-
-def _lab_bins(image: Image) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
-    lab = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2LAB), dtype=np.uint8) // np.uint8(256 // _BINS)
-    return lab[..., 0], lab[..., 1], lab[..., 2]
 
 
 def _object_mask(example: Image, backgrounds: Sequence[Image], number: int) -> NDArray[np.bool_]:
@@ -217,14 +188,13 @@ def _probability_table(
 
 def _histogram(images: Sequence[Image], masks: Sequence[NDArray[np.bool_]]) -> FloatArray:
     """Density over Lab bins of the masked pixels, smoothed."""
-    counts = np.zeros(_BINS**3)
+    counts = np.zeros(BINS**3)
     for image, mask in zip(images, masks, strict=True):
-        lightness, a, b = (channel[mask].astype(np.int64) for channel in _lab_bins(image))
-        counts += np.bincount((lightness * _BINS + a) * _BINS + b, minlength=_BINS**3)
-    density = (counts / max(counts.sum(), 1.0)).reshape(_BINS, _BINS, _BINS)
+        counts += np.bincount(lab_bins(image)[mask], minlength=BINS**3)
+    density = (counts / max(counts.sum(), 1.0)).reshape(BINS, BINS, BINS)
     for _ in range(3):  # one axis after the other: turn the cube, smooth along what is now its last axis
         density = np.moveaxis(density, 0, -1)
-        flat = cv2.GaussianBlur(np.ascontiguousarray(density).reshape(-1, _BINS), (11, 1), _COLOUR_NOISE)
+        flat = cv2.GaussianBlur(np.ascontiguousarray(density).reshape(-1, BINS), (11, 1), _COLOUR_NOISE)
         density = np.asarray(flat, dtype=np.float64).reshape(density.shape)
     return np.asarray(density, dtype=np.float64)
 
@@ -235,7 +205,9 @@ def _fit(seen: GreyImage, silhouette: Pattern, start: FloatArray) -> Alignment |
     Works on the map halved: it is smooth, so this costs no accuracy and takes a quarter of the time.
     """
     halved = np.asarray(cv2.resize(seen, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.float32)
-    rough = align(halved, silhouette, _HALVED_FROM_FULL @ start, SHIFT_AND_SCALE, outlier=_OUTLIER[0])
+    rough = align(
+        halved, silhouette, _HALVED_FROM_FULL @ start, SHIFT_AND_SCALE, outlier=_OUTLIER[0], iterations=_ROUGHLY
+    )
     if rough is None:
         return None
     fine = align(halved, silhouette, rough.image_from_pattern, UPRIGHT, outlier=_OUTLIER[1])
@@ -257,7 +229,7 @@ def _silhouette(maps: Sequence[GreyImage], masks: Sequence[NDArray[np.bool_]]) -
         fits = [_fit(seen, pattern, warp) for seen, warp in zip(maps, warps, strict=True)]
         warps = [warp if fit is None else fit.image_from_pattern for fit, warp in zip(fits, warps, strict=True)]
         pattern = _median_pattern(maps, warps)
-    sizes = np.array([[warp[1, 1] / _MARGIN, warp[0, 0] / _MARGIN] for warp in warps])
+    sizes = np.array([[warp[1, 1] / MARGIN, warp[0, 0] / MARGIN] for warp in warps])
     return pattern, sizes
 
 
@@ -276,41 +248,12 @@ def _median_pattern(maps: Sequence[GreyImage], warps: Sequence[FloatArray]) -> P
 def _box_warp(mask: NDArray[np.bool_]) -> FloatArray:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     half = np.array([rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1]) / 2
-    return _warp((rows[0] + rows[-1]) / 2, (columns[0] + columns[-1]) / 2, half * _MARGIN)
-
-
-def _warp(row: float, column: float, half: FloatArray) -> FloatArray:
-    """image_from_pattern of an upright pattern with half height and half width `half` in px."""
-    return np.array([[half[1], 0, column], [0, half[0], row], [0, 0, 1.0]])
-
-
-def _template(silhouette: Pattern, half: FloatArray) -> GreyImage:
-    """The silhouette at a size on the coarse grid, with mean 0 and response 1 to itself."""
-    reach = half * _MARGIN / _COARSE
-    rows, columns = (2 * int(np.ceil(value)) + 1 for value in reach)
-    warp = _warp((rows - 1) / 2, (columns - 1) / 2, reach)
-    shown = predict(silhouette, warp, (0, 0, rows, columns), subsamples=4)[..., 0]
-    template = shown - shown.mean()
-    return np.asarray(template / max(float((template * shown).sum()), 1e-9), dtype=np.float32)
-
-
-def _peaks(response: NDArray[np.float32], half: FloatArray) -> list[tuple[int, int, float]]:
-    """(row, column, height) of the highest responses, at least about half an object apart."""
-    remaining = response.copy()
-    peaks = []
-    for _ in range(_MAX_CANDIDATES):
-        _, height, _, (column, row) = cv2.minMaxLoc(remaining)
-        if height < _MIN_RESPONSE:
-            break
-        peaks.append((row, column, float(height)))
-        rows, columns = (max(1, int(value)) for value in half)
-        remaining[max(0, row - rows) : row + rows + 1, max(0, column - columns) : column + columns + 1] = -1.0
-    return peaks
+    return upright((rows[0] + rows[-1]) / 2, (columns[0] + columns[-1]) / 2, half * MARGIN)
 
 
 def _sighting(warp: FloatArray, score: float, shape: tuple[int, ...]) -> Sighting:
     column, row = (float(value) for value in warp[:2, 2])
-    half_columns, half_rows = warp[0, 0] / _MARGIN, warp[1, 1] / _MARGIN
+    half_columns, half_rows = warp[0, 0] / MARGIN, warp[1, 1] / MARGIN
     cut = (
         row - half_rows < 0
         or column - half_columns < 0

@@ -9,11 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from handeye.modules.marker import Marker, MarkerSighting
-from handeye.modules.object_model import Image, ObjectModel, Sighting
+from handeye.modules.object_model import ObjectModel, Sighting
 from handeye.modules.spaces import HandPoint, ImagePair, ImagePoint
+from handeye.modules.window import Image, Window
 
 ROW_TOLERANCE = 6.0
 """How far the rows of one point may differ between left and right picture, in px."""
+
+Windows = tuple[Window, Window]
+"""Where to search in the left and in the right picture."""
 
 _SIZE_TOLERANCE = 1.3
 
@@ -54,15 +58,19 @@ class Recogniser:
         when either is hidden, cut or absent in one of the pictures; `KeyError` for a name that was never registered;
         `ValueError` when the pictures differ in size.
         """
-        self._model(name)
+        self.model(name)
         hand, hand_confidence = self.see_hand(left, right)
         found, object_confidence = self.see_object(left, right, name)
         return ImagePair(found, hand, object_confidence, hand_confidence)
 
-    def see_hand(self, left: Image, right: Image) -> tuple[HandPoint, float]:
-        """The hand's marker and the confidence in [0, 1]; raises as `see` does."""
+    def see_hand(self, left: Image, right: Image, windows: Windows | None = None) -> tuple[HandPoint, float]:
+        """The hand's marker and the confidence in [0, 1], searched for in the pictures or in windows of them.
+
+        Raises as `see` does.
+        """
         _check_sizes(left, right)
-        in_left, in_right = self._hand_in(left, "left"), self._hand_in(right, "right")
+        at_left, at_right = windows or (None, None)
+        in_left, in_right = self._hand_in(left, "left", at_left), self._hand_in(right, "right", at_right)
         if not _same_point(in_left, in_right):
             raise HandNotSeen(
                 f"the hand is not seen: marker {self._marker.marker_id} lies at {_place(in_left)} in the left picture "
@@ -74,13 +82,14 @@ class Recogniser:
         point = HandPoint(in_left.row, in_left.column, in_left.column - in_right.column, outline)
         return point, min(in_left.correlation, in_right.correlation)
 
-    def _model(self, name: str) -> ObjectModel:
+    def model(self, name: str) -> ObjectModel:
+        """What object `name` looks like; `KeyError` for a name that was never registered."""
         if name not in self._models:
             raise KeyError(f"no object named {name!r} is registered; known are {', '.join(self.objects) or 'none'}")
         return self._models[name]
 
-    def _hand_in(self, image: Image, picture: str) -> MarkerSighting:
-        found = self._marker.locate(image)
+    def _hand_in(self, image: Image, picture: str, window: Window | None) -> MarkerSighting:
+        found = self._marker.locate(image, window)
         if found is None:
             raise HandNotSeen(
                 f"the hand is not seen in the {picture} picture: its marker (number {self._marker.marker_id}) is "
@@ -89,12 +98,18 @@ class Recogniser:
             )
         return found
 
-    def see_object(self, left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
-        """The object's silhouette and the confidence in [0, 1]; raises as `see` does."""
+    def see_object(
+        self, left: Image, right: Image, name: str, windows: Windows | None = None
+    ) -> tuple[ImagePoint, float]:
+        """The object's silhouette and the confidence in [0, 1], searched for in the pictures or in windows of them.
+
+        Raises as `see` does.
+        """
         _check_sizes(left, right)
-        model = self._model(name)
-        in_left = _whole(model.locate(left), name, "left")
-        in_right = _whole(model.locate(right), name, "right")
+        model = self.model(name)
+        at_left, at_right = windows or (None, None)
+        in_left = _whole(model.locate(left, at_left), name, "left")
+        in_right = _whole(model.locate(right, at_right), name, "right")
         pairs = [(a, b) for a in in_left for b in in_right if _same_point(a, b) and _same_size(a, b)]
         if not pairs:
             raise NotSeen(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import Protocol
 
 from handeye.camera_bridge.driver import CameraDriver, Image, StereoPair, Tick
+from handeye.modules.guided import Guesses, GuidedRecogniser
 from handeye.modules.object_model import ObjectModel
 from handeye.modules.pipeline import Sees, recognise
 from handeye.modules.recognition import NotSeen, Recogniser
@@ -34,10 +36,16 @@ class Sight(Sees, Protocol):
 
 
 class Vision:
-    """The recogniser of `handeye.modules.recognition` (RSS), taught by pictures."""
+    """Guided recognition (RSS) of `handeye.modules.guided`, taught by pictures.
+
+    The guides are made anew in a thread of their own; close it.
+    """
 
     def __init__(self) -> None:
-        self._recogniser = Recogniser()
+        self._recogniser = GuidedRecogniser(Recogniser())
+        self._rebuilding: threading.Thread | None = None
+        self._closed = threading.Event()
+        self._lock = threading.Lock()
 
     def learn(self, name: str, backgrounds: list[Image], examples: list[Image]) -> None:
         """Learns what object `name` looks like; `Invalid` says what is wrong with the pictures."""
@@ -52,15 +60,49 @@ class Vision:
 
     def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
         """Object and hand in the two pictures; `NotSeen` says what is missing in which picture."""
-        return self._recogniser.see(left, right, name)
+        found = self._recogniser.see(left, right, name)
+        self._keep_guides()
+        return found
 
     def see_object(self, left: Image, right: Image, name: str, /) -> tuple[ImagePoint, float]:
         """The object and the confidence in [0, 1]; raises as `see` does."""
-        return self._recogniser.see_object(left, right, name)
+        found = self._recogniser.see_object(left, right, name)
+        self._keep_guides()
+        return found
 
     def see_hand(self, left: Image, right: Image, /) -> tuple[ImagePoint, float]:
         """The hand and the confidence in [0, 1]; raises as `see` does."""
-        return self._recogniser.see_hand(left, right)
+        found = self._recogniser.see_hand(left, right)
+        self._keep_guides()
+        return found
+
+    def guesses(self, left: Image, right: Image, name: str | None) -> Guesses | None:
+        """Where the guides expect an object, or the hand for None; None as long as they know nothing."""
+        return self._recogniser.guesses(left, right, name)
+
+    def settle(self) -> None:
+        """Waits until no guide is being made anew."""
+        with self._lock:
+            rebuilding = self._rebuilding
+        if rebuilding is not None:
+            rebuilding.join()
+
+    def close(self) -> None:
+        """Makes no guide anew any more; waits for the one that is being made."""
+        self._closed.set()
+        self.settle()
+
+    def _keep_guides(self) -> None:
+        """Begins to make guides anew when that is due, in one thread at a time."""
+        with self._lock:
+            busy = self._rebuilding is not None and self._rebuilding.is_alive()
+            if self._recogniser.due and not busy and not self._closed.is_set():
+                self._rebuilding = threading.Thread(target=self._rebuild, name="guides", daemon=True)
+                self._rebuilding.start()
+
+    def _rebuild(self) -> None:
+        while self._recogniser.due and not self._closed.is_set():
+            self._recogniser.rebuild()
 
 
 @dataclass(frozen=True, slots=True)

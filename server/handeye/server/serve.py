@@ -52,6 +52,7 @@ def serve(
         closing(_listen(settings)) as listener,
         Store.open(StoreSettings().url(settings.data_dir)) as store,
         MeteredBus.joined(bus_settings, "coordinator", settings.connect_timeout, metrics) as bus,
+        closing(Vision()) as vision,
     ):
         tokens = Tokens(store, settings.token)
         tokens.ensure_admin(lambda secret: show_first_token(secret, settings.data_dir, tell))
@@ -60,7 +61,7 @@ def serve(
             RemoteRobot(bus),
             Control(lambda holder: RemoteRobot(bus, holder), RemoteHead(bus)),
             RemoteCameras(bus),
-            Vision(),
+            vision,
             settings,
             lambda: _missing(bus, starting),
             lambda job: count_job(metrics, job),

@@ -71,7 +71,7 @@ class Teacher:
             with self._robot.lease():
                 for _ in range(BACKGROUNDS):
                     self._client.add_background(spec.name, self._fresh())
-                for number, (x, y) in enumerate(_registration_places()):
+                for number, (x, y) in enumerate(registration_places()):
                     self._lab.place(spec, (x, y), yaw=0.5 + 1.3 * number)
                     self._client.add_example(spec.name, self._fresh())
 
@@ -180,7 +180,7 @@ def near(pose: Array, joints: Array) -> Array:
     return kinematics.nearest(solutions, joints)
 
 
-def _registration_places() -> list[Array]:
+def registration_places() -> list[Array]:
     """Four places of the workspace, away from its edges and from each other."""
     offsets = np.array([[-0.25, -0.3], [0.3, -0.15], [-0.1, 0.3], [0.15, 0.1]])
     return list(WORKSPACE_CENTRE + WORKSPACE_SIZE * offsets)

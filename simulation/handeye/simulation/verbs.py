@@ -37,6 +37,7 @@ class What(StrEnum):
     SUPPORT = "support"
     POUR = "pour"
     STACK = "stack"
+    VISION = "vision"
 
 
 class Shown(StrEnum):

@@ -3,7 +3,7 @@
 The acting side has images and encoders. Truth, which the referee here has, only judges.
 """
 
-from handeye.simulation.evaluation import foretelling, pour, reaching, resilience, saccade, stack, stereo
+from handeye.simulation.evaluation import foretelling, pour, reaching, resilience, saccade, stack, stereo, vision
 from handeye.simulation.evaluation.grasp import CLUMSY_TEACHER, GRASP, WIDE
 from handeye.simulation.evaluation.site import Evaluation
 
@@ -20,6 +20,7 @@ EVALUATIONS: dict[str, Evaluation] = {
         foretelling.EVALUATION,
         pour.EVALUATION,
         stack.EVALUATION,
+        vision.EVALUATION,
     )
 }
 """By name."""

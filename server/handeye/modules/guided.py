@@ -1,0 +1,186 @@
+"""Guided recognition (RSS): four guides say roughly where to look, and detection searches there first (thesis 4.2.7).
+
+One guide for each of {left, right} × {object, hand}. Detection searches a narrow window around the guess, then a wider
+one, then the whole picture; where a guess has low support, the whole picture at once. So a blunder costs time, never
+the task: what is found is what detection finds. And each find teaches the guides.
+
+The object's guides see how probably each cell shows the object's colours, the hand's see grey pictures with the arm.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+
+from handeye.modules.guide import GreyPicture, Guess, Guide, Imagination, reduced
+from handeye.modules.object_model import ObjectModel
+from handeye.modules.recognition import NotSeen, Recogniser, Windows
+from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.window import Image, Window
+
+Side = Literal["left", "right"]
+SIDES: tuple[Side, Side] = ("left", "right")
+
+REACHES = (1 / 16, 5 / 32)
+"""The windows reach so far from the guess, as shares of the picture's width: 40 and 100 px of 640."""
+
+_ROWS_AGREE = 0.07  # of the width: guesses in left and right picture with rows farther apart support each other not
+_OF_OBJECT = Imagination(count=2, reach=160.0)  # before nothing: wherever it is, it looks the same
+_OF_HAND = Imagination(count=2, reach=30.0)  # the arm that comes with it looks much the same nearby only
+_SAME_SCENE = 8.0  # px that a thing may have moved
+
+_Views = tuple[GreyPicture, GreyPicture]
+"""What the guides see of the left and of the right picture."""
+
+
+class Guesses(NamedTuple):
+    """What the guides say of a stereo pair."""
+
+    left: Guess
+    right: Guess
+    agree: bool
+    """Whether the two can be one point."""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether it is worth to search there first."""
+        return self.left.trusted and self.right.trusted and self.agree
+
+
+class GuidedRecogniser:
+    """Finds what a `Recogniser` finds, sooner. May be used by several threads.
+
+    The guides change how long a look takes. What is found is the same, unless there are several things like the object:
+    then it is the one where it was expected.
+    """
+
+    def __init__(self, recogniser: Recogniser) -> None:
+        self._recogniser = recogniser
+        self._guides: dict[tuple[str | None, Side, tuple[int, ...]], Guide] = {}
+        self._scenes: dict[str | None, tuple[int, ImagePoint]] = {}
+        self._lock = threading.Lock()
+
+    def register(self, name: str, model: ObjectModel) -> None:
+        """Makes an object known under `name`; an earlier one of that name is replaced, and its guides are forgotten."""
+        self._recogniser.register(name, model)
+        self._drop_guides(name)
+
+    def forget(self, name: str) -> None:
+        """Makes an object unknown; does nothing when it is."""
+        self._recogniser.forget(name)
+        self._drop_guides(name)
+
+    def see(self, left: Image, right: Image, name: str) -> ImagePair:
+        """As `Recogniser.see`."""
+        self._recogniser.model(name)
+        hand, hand_confidence, hand_views = self._find(left, right, None)
+        found, object_confidence, object_views = self._find(left, right, name)
+        scene = self._scene(name, found)
+        self._teach(None, left.shape, hand_views, hand, scene)
+        self._teach(name, left.shape, object_views, found, scene)
+        return ImagePair(found, hand, object_confidence, hand_confidence)
+
+    def see_object(self, left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
+        """As `Recogniser.see_object`."""
+        return self._see_one(left, right, name)
+
+    def see_hand(self, left: Image, right: Image) -> tuple[ImagePoint, float]:
+        """As `Recogniser.see_hand`."""
+        return self._see_one(left, right, None)
+
+    def guesses(self, left: Image, right: Image, name: str | None) -> Guesses | None:
+        """Where the guides expect an object, or the hand for None; None as long as they know nothing."""
+        return self._guesses(name, left.shape, self._views(left, right, name))
+
+    @property
+    def due(self) -> bool:
+        """Whether a guide has seen enough new that `rebuild` is worth its time."""
+        return any(guide.due for guide in self._known())
+
+    def rebuild(self) -> None:
+        """Makes one guide anew that is due, if there is any; about a second. They may be asked meanwhile."""
+        for guide in self._known():
+            if guide.due:
+                guide.rebuild()
+                return
+
+    def _known(self) -> list[Guide]:
+        with self._lock:
+            return list(self._guides.values())
+
+    def _drop_guides(self, name: str) -> None:
+        with self._lock:
+            self._guides = {key: guide for key, guide in self._guides.items() if key[0] != name}
+            self._scenes.pop(name, None)
+
+    def _see_one(self, left: Image, right: Image, name: str | None) -> tuple[ImagePoint, float]:
+        found, confidence, views = self._find(left, right, name)
+        self._teach(name, left.shape, views, found, self._scene(name, found))
+        return found, confidence
+
+    def _find(self, left: Image, right: Image, name: str | None) -> tuple[ImagePoint, float, _Views]:
+        """Searches where the guides say, then in ever larger parts; raises as `Recogniser.see_object` does."""
+        if left.shape != right.shape:
+            return *self._search(left, right, name, None), self._views(left, right, name)  # which refuses it
+        views = self._views(left, right, name)
+        guesses = self._guesses(name, left.shape, views)
+        if guesses is not None and guesses.trusted:
+            for reach in REACHES:
+                windows = _windows(guesses, reach * left.shape[1], left.shape)
+                if windows is None:
+                    continue
+                try:
+                    return *self._search(left, right, name, windows), views
+                except NotSeen:
+                    continue
+        return *self._search(left, right, name, None), views
+
+    def _search(self, left: Image, right: Image, name: str | None, windows: Windows | None) -> tuple[ImagePoint, float]:
+        if name is None:
+            return self._recogniser.see_hand(left, right, windows)
+        return self._recogniser.see_object(left, right, name, windows)
+
+    def _views(self, left: Image, right: Image, name: str | None) -> _Views:
+        small = reduced(left), reduced(right)
+        if name is None:
+            first, second = (np.asarray(cv2.cvtColor(each, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for each in small)
+        else:
+            first, second = (self._recogniser.model(name).likeness(each) for each in small)
+        return first, second
+
+    def _guesses(self, name: str | None, shape: tuple[int, ...], views: _Views) -> Guesses | None:
+        with self._lock:
+            guides = [self._guides.get((name, side, shape)) for side in SIDES]
+        left, right = (None if each is None else each.guess(view) for each, view in zip(guides, views, strict=True))
+        if left is None or right is None:
+            return None
+        return Guesses(left, right, abs(left.row - right.row) <= _ROWS_AGREE * shape[1])
+
+    def _scene(self, name: str | None, found: ImagePoint) -> int:
+        """Looks one after the other that show a thing at one place are one scene; its number."""
+        with self._lock:
+            number, first = self._scenes.get(name, (-1, None))
+            if first is None or np.abs(found.array() - first.array()).max() > _SAME_SCENE:
+                number, first = number + 1, found
+                self._scenes[name] = number, first
+            return number
+
+    def _teach(self, name: str | None, shape: tuple[int, ...], views: _Views, found: ImagePoint, scene: int) -> None:
+        columns = found.column, found.column - found.disparity
+        for side, view, column in zip(SIDES, views, columns, strict=True):
+            with self._lock:
+                key = name, side, shape
+                if key not in self._guides:
+                    self._guides[key] = Guide(shape, _OF_HAND if name is None else _OF_OBJECT)
+                guide = self._guides[key]
+            guide.teach(view, found.row, column, scene)
+
+
+def _windows(guesses: Guesses, reach: float, shape: tuple[int, ...]) -> Windows | None:
+    """Around the guesses; None when one of them is beyond its picture."""
+    left = Window.around(guesses.left.row, guesses.left.column, reach, shape)
+    right = Window.around(guesses.right.row, guesses.right.column, reach, shape)
+    return None if left is None or right is None else (left, right)
