@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +21,8 @@ from handeye.server.settings import ServerSettings
 from handeye.server.store import jobs as stored_jobs
 
 if TYPE_CHECKING:
-    from handeye.camera_bridge.driver import StereoPair, Tick
+    from handeye.camera_bridge.driver import Image, StereoPair, Tick
+    from handeye.modules.spaces import ImagePoint
     from tests.server.conftest import Lab
 
 UNTAUGHT = np.array([233.0, 337.0, 150.0])  # between the taught places
@@ -456,3 +459,39 @@ def test_a_hand_that_was_never_seen_is_not_guessed(lab: Lab, monkeypatch: pytest
     job = run(lab)
     assert job.error is not None
     assert job.error.code == "not_seen"
+
+
+@pytest.mark.parametrize(("noise", "state"), [(0.02, JobState.SUCCEEDED), (0.0, JobState.FAILED)])
+def test_answers_that_differ_by_noise_are_averaged(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch, noise: float, state: JobState
+) -> None:
+    train(lab, noise=noise)
+    see, looks = lab.sight.see_hand, itertools.count()
+
+    def seeing(left: Image, right: Image) -> tuple[ImagePoint, float]:
+        point, confidence = see(left, right)
+        off = (0.9, -0.7, 0.6, -0.8)[next(looks) % 4]  # px: 0.6 px are 0.006 rad
+        return replace(point, row=point.row + off), confidence
+
+    monkeypatch.setattr(lab.sight, "see_hand", seeing)
+    job = run(lab)
+    assert job.state is state
+    if state is JobState.SUCCEEDED:
+        assert done(job).subtasks[0].aligned
+        assert miss(job) < 1.5
+
+
+def test_half_of_a_way_is_gone_where_the_whole_is_refused(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab)
+    adjust = lab.robot.adjust_joints
+
+    def adjusting(delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+        if np.abs(delta).max() > 0.45:
+            raise OutOfLimits("the arm would come too near to the table")
+        return adjust(delta, pace, watch)
+
+    monkeypatch.setattr(lab.robot, "adjust_joints", adjusting)
+    job = run(lab)
+    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
+    first = done(job).subtasks[0].looks[0]
+    assert np.array(first.moved) == pytest.approx(np.array(first.delta) / 2, abs=1e-6)

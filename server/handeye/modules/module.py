@@ -123,7 +123,7 @@ class Module:
         found = []
         for category, each in model.statistics().items():
             with suppress(NotTaught):  # its samples were taken out just now
-                support = _support(model.calibration(category))
+                support = _support(model.calibration(category), alone=each.groups == 1)
                 found.append(CategoryStatistics(category, each.samples, each.groups, each.tree, support))
         return tuple(found)
 
@@ -199,7 +199,8 @@ class Module:
         calibration = model.calibration(category)
         kept = self._supports_kept.get(category)
         if kept is None or kept[0] is not calibration:
-            kept = self._supports_kept[category] = (calibration, _support(calibration))
+            alone = model.statistics()[category].groups == 1
+            kept = self._supports_kept[category] = (calibration, _support(calibration, alone=alone))
         return kept[1]
 
     def _taught(
@@ -273,6 +274,8 @@ class _Learned(NamedTuple):
 _OWN = 1 << 40
 """A sample that came from no demonstration is a group of its own: this and its number."""
 
+_ALONE = 0.5  # in scaled inputs: the least that the largest distance counts as when there is one demonstration
+
 
 def _groups(names: list[str], demonstrations: Sequence[str | None], numbers: Integers) -> Integers:
     """(n,) the groups of samples; demonstrations that are new are added to `names`."""
@@ -285,8 +288,10 @@ def _groups(names: list[str], demonstrations: Sequence[str | None], numbers: Int
     return np.array(groups, np.int64)
 
 
-def _support(calibration: Calibration) -> Support:
-    return Support(median=float(np.median(calibration.scores)), largest=float(calibration.scores[-1]))
+def _support(calibration: Calibration, *, alone: bool) -> Support:
+    """`alone`: all samples are of one demonstration."""
+    largest = float(calibration.scores[-1])
+    return Support(median=float(np.median(calibration.scores)), largest=max(largest, _ALONE) if alone else largest)
 
 
 def warm_up() -> None:

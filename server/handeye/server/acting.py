@@ -39,6 +39,9 @@ class ActingSettings(BaseModel):
     """A subtask is aligned when no joint of the answer is larger, in rad."""
     last_tolerance: float = Field(default=0.01, gt=0.0)
     """The same for the last subtask (the lift): nothing follows that its error could spoil."""
+    noise: float = Field(default=0.012, ge=0.0)
+    """Answers of one subtask that would have no joint elsewhere by more than this, in rad, are taken for one goal that
+    was seen several times: the arm goes to their mean."""
     acceptable: float = Field(default=0.006, gt=0.0)
     """When the looks have run out, the gripper still acts if no joint of the last answer was larger, in rad: then it is
     noise that keeps the answers above the tolerance, and looking longer would not help."""

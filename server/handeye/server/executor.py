@@ -19,7 +19,7 @@ from handeye.modules.answers import Answer
 from handeye.modules.recognition import HandNotSeen, NotSeen
 from handeye.modules.spaces import ImagePair, JointDifference
 from handeye.robot_bridge.driver import Joints, RobotState
-from handeye.rpc.errors import RpcError
+from handeye.rpc.errors import OutOfLimits, RpcError
 from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegion, too_far
 from handeye.server.demonstration import Subtask
 from handeye.server.eyes import Eyes, Sighting
@@ -94,6 +94,8 @@ class Run:
         self._subtasks: list[SubtaskRecord] = []
         self._felt = felt
         self._last_look: tuple[ImagePair, Joints]
+        self._goals: list[Joints] = []
+        """Where the newest looks of this subtask would have the arm, each in rad."""
         self._grip: float | None = None
         """How far the gripper was open when it had closed, in m; None while it is open."""
 
@@ -156,6 +158,7 @@ class Run:
         towards = self._towards(subtask)
         self._subtasks.append(SubtaskRecord(name=subtask.name, object=towards, state="running", started=started))
         self._publish("subtask")
+        self._goals.clear()
         aligned = self._align(subtask, tolerance)
         if subtask.way:
             self._follow(subtask)
@@ -202,10 +205,19 @@ class Run:
             raise refusal
         if self._robot.lockstep:
             self._robot.wait(self._settings.thinking)
-        largest = float(np.max(np.abs(turn.angles)))
-        moved = self._move(state, turn) if largest > tolerance else ()
+        way = self._goal(state.joints + turn.angles) - state.joints
+        largest = float(np.max(np.abs(way)))
+        moved = self._move(state, way) if largest > tolerance else ()
         self._record(picture, sighting, found, turn, answer, moved)
         return largest
+
+    def _goal(self, answered: Joints) -> Joints:
+        """Where the arm is to go, (joints,) rad: the mean of this subtask's answers that differ by their noise only."""
+        if self._goals and np.max(np.abs(answered - np.mean(self._goals, axis=0))) > self._settings.noise:
+            self._goals.clear()
+        self._goals.append(answered)
+        goal: Joints = np.mean(self._goals, axis=0)
+        return goal
 
     def _follow(self, subtask: Subtask) -> None:
         """Goes along the subtask's way without looking; where it has been sooner than was shown, it waits."""
@@ -269,8 +281,12 @@ class Run:
             )
         return too_far(f"subtask '{subtask}'", turn, self._settings.largest_move)
 
-    def _move(self, before: RobotState, turn: JointDifference) -> tuple[float, ...]:
-        after = self._robot.adjust_joints(turn.angles)
+    def _move(self, before: RobotState, way: Joints) -> tuple[float, ...]:
+        """Goes; half of the way when the robot refuses the whole: an answer is least sure of its far end."""
+        try:
+            after = self._robot.adjust_joints(way)
+        except OutOfLimits:
+            after = self._robot.adjust_joints(way / 2)
         return tuple(float(value) for value in after.joints - before.joints)
 
     def _record(
