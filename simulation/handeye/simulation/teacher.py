@@ -33,7 +33,6 @@ REST_LIMIT = 2.0
 
 PACE = Pace(0.6, 0.6)
 
-
 BACKGROUNDS = 2
 """Pictures of the empty table: they differ by their noise."""
 
