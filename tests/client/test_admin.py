@@ -57,6 +57,8 @@ def test_demonstrations_are_labelled_read_and_deleted(connect: Connect) -> None:
         "subtask": "grasp",
         "goal": True,
         "key": False,
+        "towards": "cup",
+        "seconds": 0.0,
         "world_time": 1.0,
         "object": [1.0, 2.0, 3.0],
         "hand": [1.0, 2.0, 3.0],

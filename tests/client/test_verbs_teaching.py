@@ -118,6 +118,16 @@ def observed(number: int, subtask: str, joint: float, goal: bool = False) -> Obs
     )
 
 
+def test_a_way_is_gone_to_its_end_and_not_back_to_the_goal() -> None:
+    content = {
+        **DEMONSTRATION,
+        "subtasks": [{"name": "a", "action": "open_gripper", "object": None, "way": [1.0, 2.0]}],
+    }
+    seen = [observed(0, "a", 0.1), observed(1, "a", 0.2, goal=True), observed(2, "a", 0.3), observed(3, "a", 0.4)]
+    steps = retrace(Demonstration.model_validate(content), seen)
+    assert steps == [*(Step((joint,)) for joint in (0.1, 0.2, 0.3, 0.4)), Step(None, "open_gripper")]
+
+
 def shown_with(*subtasks: tuple[str, str | None]) -> Demonstration:
     content = {**DEMONSTRATION, "subtasks": [{"name": name, "action": action} for name, action in subtasks]}
     return Demonstration.model_validate(content)

@@ -172,6 +172,15 @@ def test_where_the_hand_is_not_aligned_no_way_begins(pouring: Lab) -> None:
     assert result.subtasks[-1].way == ()
 
 
+def test_the_last_subtask_is_aligned_as_the_others_when_something_follows_its_goal(pouring: Lab) -> None:
+    taught(pouring)
+    settings = pouring.coordinator.settings
+    acting = settings.acting.model_copy(update={"last_tolerance": 1.0})
+    pouring.coordinator.settings = settings.model_copy(update={"acting": acting})
+    assert run(pouring).state is JobState.SUCCEEDED
+    np.testing.assert_allclose(pouring.world.joints, at(pouring.world.others[JAR]), atol=0.01)
+
+
 def test_the_other_object_must_be_seen_and_known(pouring: Lab) -> None:
     taught(pouring)
     pouring.coordinator.objects.delete(JAR)

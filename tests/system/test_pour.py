@@ -12,7 +12,7 @@ from handeye.simulation.lessons import pour
 from handeye.simulation.objects import CUPS, JAR
 from handeye.simulation.places import Purpose
 from handeye.simulation.scoring_two import POUR_SUBTASKS, score_pour
-from handeye.simulation.teaching import lab_settings, teach
+from handeye.simulation.teaching import lab_settings, place, teach
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
@@ -48,10 +48,15 @@ def test_it_is_shown_twice_then_the_robot_pours_what_was_never_in_the_cup_before
         ]
         lab = LabClient(bus)
         places = lesson.draw(SEED, Purpose.TEACHING, 1)[0]
-        lab.reset(11)  # another world: other noise, another rest of the joints in their play
-        for spec, place in zip(lesson.objects, places, strict=True):
-            lab.place(spec, (place.x, place.y), place.yaw)
-        lab.fill(CUP.name, 20)  # it was shown with an empty cup
+        cup, jar = places
+        place(
+            object_name=CUP.name,
+            at=(cup.x, cup.y),
+            seed=11,  # another world: other noise, another rest of the joints in their play
+            state_dir=stack.state_dir,
+            beside=(JAR.name, jar.x, jar.y),
+            liquid=20,  # it was shown with an empty cup
+        )
         begun = lab.world().world_time
         job = client.run_task("tea", CUP.name).raise_for_failure()
         ended = {each.name: each.ended for each in job.result.subtasks if each.ended is not None}

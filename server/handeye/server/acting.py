@@ -38,13 +38,14 @@ class ActingSettings(BaseModel):
     tolerance: float = Field(default=0.0015, gt=0.0)
     """A subtask is aligned when no joint of the answer is larger, in rad."""
     last_tolerance: float = Field(default=0.01, gt=0.0)
-    """The same for the last subtask (the lift): nothing follows that its error could spoil."""
+    """The same for the last subtask if it has neither a way nor a gripper action (the lift): nothing follows that its
+    error could spoil."""
     noise: float = Field(default=0.012, ge=0.0)
     """Answers of one subtask that would have no joint elsewhere by more than this, in rad, are taken for one goal that
     was seen several times: the arm goes to their mean."""
     acceptable: float = Field(default=0.006, gt=0.0)
-    """When the looks have run out, the gripper still acts if no joint of the last answer was larger, in rad: then it is
-    noise that keeps the answers above the tolerance, and looking longer would not help."""
+    """When the looks have run out, way and gripper still follow if no joint of the last answer was larger, in rad: then
+    it is noise that keeps the answers above the tolerance, and looking longer would not help."""
     thinking: float = Field(default=0.05, ge=0.0)
     """World time that each look is charged in lockstep, in s: thinking is not free there either."""
     settle: float = Field(default=0.02, ge=0.0)

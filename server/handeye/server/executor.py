@@ -125,7 +125,7 @@ class Run:
     def _attempt(self) -> None:
         last = self._skill.subtasks[-1]
         for subtask in self._skill.subtasks:
-            final = subtask is last
+            final = subtask is last and not _goes_on(subtask)
             self._do(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
         self._robot.wait(self._settings.hold)
         self._require_grip()
@@ -184,8 +184,7 @@ class Run:
             remaining = self._step(subtask, tolerance)
             if remaining <= tolerance:
                 return True
-        blind = subtask.way or subtask.action
-        if blind and not self._one_look and remaining > max(self._settings.acceptable, tolerance):
+        if _goes_on(subtask) and not self._one_look and remaining > max(self._settings.acceptable, tolerance):
             raise NotAligned(
                 f"Subtask '{subtask.name}' is not aligned after {looks} looks: the last answer would turn a joint by "
                 f"{remaining:.4f} rad, {self._settings.acceptable:.4f} rad is acceptable. Show more demonstrations "
@@ -336,3 +335,8 @@ class Run:
             self._job.publish("stop", {"stopped": False, "message": str(error)}, self._result())
         else:
             self._job.publish("stop", {"stopped": True, "message": reason}, self._result())
+
+
+def _goes_on(subtask: Subtask) -> bool:
+    """Something follows the subtask's goal that nobody looks at: its way, or what the gripper does."""
+    return bool(subtask.way or subtask.action)

@@ -23,6 +23,7 @@ from handeye.simulation.world import Clock, Scene, World
 Array = NDArray[np.float64]
 
 _TIMEOUT = 5.0
+_FILLING_TIMEOUT = 30.0  # s: liquid settles for 1 s of world time, which a busy machine takes long for
 
 
 class LabService:
@@ -122,7 +123,7 @@ class LabClient:
     def fill(self, name: str, particles: int) -> Scene:
         """Fills liquid into a cup that stands upright; it has settled when the call returns."""
         request = lab_pb2.FillObjectRequest(name=name, particles=particles)
-        return scene_from_proto(self._bus.call(methods.LAB_FILL_OBJECT, request, timeout=self._timeout))
+        return scene_from_proto(self._bus.call(methods.LAB_FILL_OBJECT, request, timeout=_FILLING_TIMEOUT))
 
     def remove(self, name: str) -> Scene:
         """Takes an object away."""
