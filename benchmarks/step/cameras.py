@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from benchmarks.step.scenes import HOME, read
-from handeye.camera_bridge.driver import Frame, HeadState, StereoPair, Tick
+from handeye.camera_bridge.driver import Course, Frame, HeadState, StereoPair, Tick
 from handeye.camera_bridge.service import CameraService
 from handeye.cli.up import LOOPBACK, free_ports
 from handeye.rpc import Bus, BusSettings
@@ -54,6 +54,10 @@ class StillHead:
         return HeadState(*HOME, False, 0.0)
 
     def move(self, pan: float, tilt: float, lease_id: str, timeout: float, on_tick: Tick | None = None) -> HeadState:
+        """Does not turn."""
+        return self.state()
+
+    def follow(self, course: Course, lasting: float, lease_id: str, timeout: float) -> HeadState:
         """Does not turn."""
         return self.state()
 

@@ -34,6 +34,7 @@ CAMERA_GRAB_STEREO = Method("Camera", "GrabStereo", camera_pb2.GrabStereoRequest
 CAMERA_GRAB_OBSERVER = Method("Camera", "GrabObserver", camera_pb2.GrabObserverRequest, camera_pb2.Frame)
 CAMERA_GET_HEAD = Method("Camera", "GetHead", camera_pb2.GetHeadRequest, camera_pb2.HeadState)
 CAMERA_MOVE_HEAD = Method("Camera", "MoveHead", camera_pb2.MoveHeadRequest, camera_pb2.HeadState)
+CAMERA_FOLLOW_HEAD = Method("Camera", "FollowHead", camera_pb2.FollowHeadRequest, camera_pb2.HeadState)
 
 LAB_DESCRIBE_SCENE = Method("Lab", "DescribeScene", lab_pb2.DescribeSceneRequest, lab_pb2.Scene)
 LAB_GET_WORLD = Method("Lab", "GetWorld", lab_pb2.GetWorldRequest, lab_pb2.WorldState)
