@@ -183,7 +183,7 @@ def _duration(distance: float, speed: float, acceleration: float) -> float:
 
 
 def check_course(course: Course, lasting: float, now: float, pan_range: Range, tilt_range: Range) -> None:
-    """`InvalidArgument` for a course or `lasting` that cannot be followed, `OutOfLimits` when it is out of range now."""
+    """`InvalidArgument` for a course or `lasting` that nobody can follow, `OutOfLimits` when it is out of range now."""
     numbers = (course.pan, course.tilt, course.pan_rate, course.tilt_rate, course.world_time)
     if not all(map(math.isfinite, numbers)):
         raise InvalidArgument(f"a course has finite numbers only; got {numbers}", detail="course")

@@ -42,6 +42,7 @@ LAB_GET_HISTORY = Method("Lab", "GetHistory", lab_pb2.GetHistoryRequest, lab_pb2
 LAB_RESET_WORLD = Method("Lab", "ResetWorld", lab_pb2.ResetWorldRequest, lab_pb2.Scene)
 LAB_PLACE_OBJECT = Method("Lab", "PlaceObject", lab_pb2.PlaceObjectRequest, lab_pb2.Scene)
 LAB_HOLD_OBJECT = Method("Lab", "HoldObject", lab_pb2.HoldObjectRequest, lab_pb2.Scene)
+LAB_PUSH_OBJECT = Method("Lab", "PushObject", lab_pb2.PushObjectRequest, lab_pb2.Push)
 LAB_REMOVE_OBJECT = Method("Lab", "RemoveObject", lab_pb2.RemoveObjectRequest, lab_pb2.Scene)
 
 ROBOT_HEARTBEAT = Stream("Robot", "Heartbeat", robot_pb2.Heartbeat, urgent=True)
