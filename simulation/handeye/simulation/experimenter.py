@@ -36,6 +36,7 @@ _MARGIN = 30.0  # px between the ball and the border of both pictures
 _LEAST_HEIGHT = 0.06  # m above the table
 _TURNED = np.array([0.15, 0.35, 0.35])  # rad: how far a grid is rolled, pitched and yawed at most
 _EXAMPLES = ((0.55, -0.12, 0.15), (0.75, 0.10, 0.10), (0.62, 0.0, 0.28))  # m, world frame: the ball, well in view
+_CUP_EXAMPLES = ((0.55, -0.10), (0.75, 0.10), (0.82, -0.02), (0.62, 0.05))  # m, on the table, near and far
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,18 +115,28 @@ class Experimenter:
 
     def register_ball(self) -> None:
         """Shows the coordinator what the ball looks like."""
+        self._register(BALL, lambda place: self.hang_ball(np.array(place)), _EXAMPLES)
+
+    def register_cup(self, spec: ObjectSpec) -> None:
+        """Shows the coordinator what a cup looks like, near and far on the table."""
+        self._register(spec, lambda place: self._lab.place(spec, place), _CUP_EXAMPLES)
+
+    def _register(
+        self, spec: ObjectSpec, show: Callable[[tuple[float, ...]], object], places: Sequence[tuple[float, ...]]
+    ) -> None:
+        """In a world made anew: nothing, then the object at each of some places; at last it is taken away."""
         self._lab.reset(self._seed)
         with self._client.control("experimenter") as control:
             for _ in range(2):
                 empty = control.state().world_time
                 control.advance(FRESH)
-                self._client.add_background(BALL.name, empty)
-            for place in _EXAMPLES:
-                self.hang_ball(np.array(place))
-                held = control.state().world_time
+                self._client.add_background(spec.name, empty)
+            for place in places:
+                show(place)
+                shown = control.state().world_time
                 control.advance(FRESH)
-                self._client.add_example(BALL.name, held)
-        self.take_ball()
+                self._client.add_example(spec.name, shown)
+        self._lab.remove(spec.name)
 
     def show_ball(self, count: int, nearly_centred: int, on_fixation: Callable[[], None]) -> None:
         """Has SCS learn from `count` fixations of the ball, the last `nearly_centred` of them from their ends only."""
