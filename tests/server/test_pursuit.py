@@ -166,7 +166,7 @@ def test_it_goes_on_unseen_for_a_while_and_finds_it_again() -> None:
 def test_what_is_not_seen_for_too_long_is_lost_and_the_head_stands_still() -> None:
     sky = Sky(even, 0.4)
     sky.hidden = lambda time: time > 8.0
-    with pytest.raises(ObjectLost, match=r"'cup' was last seen 2\.\d s before"):
+    with pytest.raises(ObjectLost, match=r"'cup' is lost: for 2\.\d s"):
         sky.pursue(20.0)
     assert sky.stands_still()
     assert sky.time < 12.5

@@ -44,9 +44,10 @@ class PursuitSettings(BaseModel):
     least_support: float = Field(default=0.1, ge=0.0, le=1.0)
     """An answer with less support is not turned by."""
     lost_after: float = Field(default=2.0, gt=0.0)
-    """So long the head goes on without seeing the object, in s of world time; then it is lost."""
-    coast: float = Field(default=3.0, gt=0.0, le=LONGEST_FOLLOW)
-    """So long the head goes on by itself when no look comes, in s of world time: more than looks take."""
+    """So long the head goes on while pictures come in which the object is not seen, in s of world time; then it is
+    lost."""
+    coast: float = Field(default=LONGEST_FOLLOW, gt=0.0, le=LONGEST_FOLLOW)
+    """So long the head goes on by itself when no picture comes, in s of world time: more than looks take."""
     period: float = Field(default=0.1, gt=0.0)
     """World time from look to look in lockstep, in s; with the realtime clock looks come as fast as they can."""
 
@@ -73,8 +74,10 @@ class Pursuit:
         self._settings = settings
         self._job = job
         self._tracker = Tracker(settings.noise, settings.agility)
-        self._seen: float | None = None
-        """World time of the last look that the object was in, in s."""
+        self._seen = False
+        """Whether the object was seen at all."""
+        self._missing: float | None = None
+        """World time of the first picture since it was seen last, in s; None while it is seen."""
         self._looks: list[PursuitLook] = []
 
     def execute(self) -> None:
@@ -117,22 +120,27 @@ class Pursuit:
         except OutsideTaughtRegion:
             self._record(pair, look)
             raise
-        self._seen = pair.left.world_time
-        self._tracker.see(HeadAngles(pair.head.pan + turn.pan, pair.head.tilt + turn.tilt), self._seen)
+        self._seen, self._missing = True, None
+        direction = HeadAngles(pair.head.pan + turn.pan, pair.head.tilt + turn.tilt)
+        self._tracker.see(direction, pair.left.world_time)
         self._follow(pair, look)
 
     def _not_seen(self, pair: StereoPair, missing: NotSeen) -> None:
         """The head goes on as the object did, and may find it again."""
         look = self._look(pair)
-        if self._seen is None or pair.left.world_time - self._seen > self._settings.lost_after:
-            self._record(pair, look)
-            if self._seen is None:
-                raise missing
-            raise ObjectLost(
-                f"Object '{self._object}' was last seen {pair.left.world_time - self._seen:.1f} s before; for "
-                f"{self._settings.lost_after:g} s the head went on as it moved then ({missing})."
-            ) from missing
-        self._follow(pair, look)
+        if self._missing is None:
+            self._missing = pair.left.world_time
+        gone = pair.left.world_time - self._missing
+        if self._seen and gone <= self._settings.lost_after:
+            self._follow(pair, look)
+            return
+        self._record(pair, look)
+        if not self._seen:
+            raise missing
+        raise ObjectLost(
+            f"Object '{self._object}' is lost: for {gone:.1f} s it was not in the pictures, though the head went on as "
+            f"it had moved; at last {missing}."
+        ) from missing
 
     def _follow(self, pair: StereoPair, look: PursuitLook) -> None:
         course = self._tracker.course

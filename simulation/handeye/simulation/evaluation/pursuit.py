@@ -16,19 +16,21 @@ from handeye.cli.up import Clock
 from handeye.client.models import PursuitLook
 from handeye.simulation.collecting import collect
 from handeye.simulation.evaluation.outcome import Figure, average, quantile
+from handeye.simulation.evaluation.reaching import towards
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.objects import CUPS
 from handeye.simulation.report import Picture
 
 SPEEDS = (0.02, 0.05, 0.10, 0.15)
 """m/s; trials take turns."""
-LOWER, UPPER = np.array([0.50, -0.30]), np.array([0.85, 0.30])
-"""The cup is pushed within this part of the table, (x, y) in m; at its border it turns round."""
-DURATION = 10.0
-"""How long a pursuit lasts, in s."""
+LOWER, UPPER = np.array([0.45, -0.35]), np.array([0.80, 0.35])
+"""The cup is pushed straight across this part of the table, (x, y) in m."""
+LEAST = 0.25
+"""Its way is at least so long, in m."""
+LONGEST = 10.0
+"""And a pursuit lasts as long as that takes, but no longer than so many s."""
 
 _CUP = CUPS["blue cup"]
-_LONGER = 8.0  # s that the push outlasts it: it begins before the first picture is there
 _PICTURED = len(SPEEDS)
 
 Array = NDArray[np.float64]
@@ -36,69 +38,70 @@ Array = NDArray[np.float64]
 
 def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
     """Collects 45 samples by fixating a ball, learns what the cup looks like, then pushes it about."""
-    client = site.client
     site.experimenter.register_cup(_CUP)
-    collect("SCS", site.lab, client, seed, site.progress)
+    collect("SCS", site.lab, site.client, seed, site.progress)
     random = np.random.default_rng([seed, 2])
     told: list[Trial] = []
     with site.progress("pursuing", trials) as advance:
         for speed in itertools.islice(itertools.cycle(SPEEDS), trials):
-            path = pushed(random, speed * (DURATION + _LONGER))
-            site.lab.reset(int(random.integers(2**31)))
-            site.lab.place(_CUP, path[0])
-            gaze = client.gaze(_CUP.name)
-            site.lab.push(_CUP.name, path[1:], speed)
-            job = client.pursue(_CUP.name, DURATION)
-            looks = job.result.looks if job.result is not None else ()
-            told.append(
-                {
-                    "speed": speed,
-                    "path": path.tolist(),
-                    "gaze": gaze.state,
-                    "failure": "" if job.succeeded else job.failure,
-                    "times": [look.world_time for look in looks],
-                    "offsets": [look.offset for look in looks],
-                    "late": [look.late for look in looks],
-                    "lost": lost(looks),
-                }
-            )
+            told.append(_trial(site, random, speed))
             if len(told) <= _PICTURED:
                 caption = (
                     f"Seed {seed}, {100 * speed:g} cm/s: the left picture just after the pursuit, the head at rest."
                 )
-                pictures.append(Picture(client.frame("left"), caption))
+                pictures.append(Picture(site.client.frame("left"), caption))
             advance()
     return told
 
 
-def pushed(random: np.random.Generator, length: float) -> Array:
-    """A path (n, 2) of so many m from anywhere in any direction, thrown back at the border like a billiard ball."""
-    place, heading = random.uniform(LOWER, UPPER), random.uniform(-np.pi, np.pi)
-    direction = np.array([np.cos(heading), np.sin(heading)])
-    places = [place]
-    while length > 1e-9:
-        border = np.where(direction > 0.0, UPPER, LOWER)
-        with np.errstate(divide="ignore"):
-            until = np.abs((border - place) / direction)
-        way = min(length, float(until.min()))
-        place = np.clip(place + way * direction, LOWER, UPPER)
-        places.append(place)
-        direction = np.where(until <= way, -direction, direction)
-        length -= way
-    return np.array(places)
+def _trial(site: Site, random: np.random.Generator, speed: float) -> Trial:
+    """One push and the pursuit of it, from a head that has the cup in the middle."""
+    start, goal = across(random)
+    site.lab.reset(int(random.integers(2**31)))
+    site.lab.place(_CUP, start)
+    with site.client.control("referee") as control:
+        control.turn_head(*towards(np.array([*start, _CUP.height / 2])))
+    gaze = site.client.gaze(_CUP.name)
+    ends = site.lab.push(_CUP.name, goal[None], speed)
+    duration = min(LONGEST, ends - site.lab.world().world_time)
+    job = site.client.pursue(_CUP.name, duration)
+    looks = job.result.looks if job.result is not None else ()
+    return {
+        "speed": speed,
+        "start": start.tolist(),
+        "goal": goal.tolist(),
+        "duration": duration,
+        "gaze": gaze.state,
+        "failure": "" if job.succeeded else job.failure,
+        "times": [look.world_time for look in looks],
+        "offsets": [look.offset for look in looks],
+        "late": [look.late for look in looks],
+        "lost": lost(looks, duration),
+    }
 
 
-def lost(looks: Sequence[PursuitLook]) -> float:
-    """For which share of its time a pursuit did not have the object: from each look that missed it until the next."""
+def across(random: np.random.Generator) -> tuple[Array, Array]:
+    """Where a push begins and ends, (2,) each in m: from border to border, through any place in any direction."""
+    while True:
+        place, heading = random.uniform(LOWER, UPPER), random.uniform(-np.pi, np.pi)
+        direction = np.array([np.cos(heading), np.sin(heading)])
+        sides = np.array([(LOWER - place) / direction, (UPPER - place) / direction])
+        back, forth = sides.min(axis=0).max(), sides.max(axis=0).min()
+        if forth - back >= LEAST:
+            return place + back * direction, place + forth * direction
+
+
+def lost(looks: Sequence[PursuitLook], duration: float) -> float:
+    """For which share of `duration` s a pursuit did not have the object: from each look that missed it to the next."""
     if not looks:
         return 1.0
-    ends = [*(look.world_time for look in looks[1:]), looks[0].world_time + DURATION]
+    ends = [*(look.world_time for look in looks[1:]), looks[0].world_time + duration]
     had = sum(
         max(0.0, min(end, ends[-1]) - look.world_time)
         for look, end in zip(looks, ends, strict=True)
         if look.offset is not None
     )
-    return max(0.0, 1.0 - had / DURATION)
+    return max(0.0, 1.0 - had / duration)
 
 
 def _figures(trials: Sequence[Trial]) -> tuple[Figure, ...]:
