@@ -144,7 +144,7 @@ class HeadDriver(Protocol):
         It keeps within its speed, acceleration and range. After `lasting` s of world time (0..`LONGEST_FOLLOW`) it
         slows down and stands still, unless another call comes before: 0 makes it stand still. `OutOfLimits` when the
         course is out of range now, `InvalidArgument` for what are no such numbers, `Unauthorised` unless `lease_id` is
-        the control lease, `Busy` during a move.
+        the control lease, `Busy` during a move. `Stopped` while the robot is stopped: the head stands still too then.
         """
         ...
 

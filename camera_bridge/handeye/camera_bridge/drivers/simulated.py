@@ -13,7 +13,7 @@ from handeye.camera_bridge.turning import Range, Track, check_course, check_limi
 from handeye.proto.methods import ROBOT_ADVANCE
 from handeye.proto.v1 import robot_pb2
 from handeye.rpc import Bus, LabBusSettings
-from handeye.rpc.errors import Busy, DeadlineExceeded, InvalidArgument, Unauthorised, Unavailable
+from handeye.rpc.errors import Busy, DeadlineExceeded, InvalidArgument, Stopped, Unauthorised, Unavailable
 from handeye.simulation import rig
 from handeye.simulation.lab import LabClient
 from handeye.simulation.mirror import Mirror
@@ -231,13 +231,17 @@ class SimulatedHead:
     def follow(self, course: Course, lasting: float, lease_id: str, timeout: float) -> HeadState:
         """Begins to turn so that it comes to point where `course` says, for `lasting` s; returns at once.
 
-        The robot bridge checks the lease, and refuses while the robot is stopped.
+        The robot bridge checks the lease, and refuses while the robot is stopped: then the head stands still too.
         """
         deadline = time.monotonic() + timeout
         if not self._turning.acquire(blocking=False):
             raise Busy("the head is turning already; wait until it stands still")
         try:
-            self._advance(0.0, lease_id, deadline, None)
+            try:
+                self._advance(0.0, lease_id, deadline, None)
+            except Stopped:
+                self._halt()
+                raise
             now = self.now()
             check_course(course, lasting, now, *self.limits)
             with self._lock:
