@@ -65,7 +65,8 @@ def _trial(site: Site, random: np.random.Generator, speed: float) -> Trial:
     ends = site.lab.push(_CUP.name, goal[None], speed)
     duration = min(LONGEST, ends - site.lab.world().world_time)
     job = site.client.pursue(_CUP.name, duration)
-    looks = job.result.looks if job.result is not None else ()
+    # The last look comes when the time is over, and the cup may be at rest by then.
+    looks = [look for look in job.result.looks if look.world_time <= ends] if job.result is not None else []
     return {
         "speed": speed,
         "start": start.tolist(),
