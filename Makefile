@@ -50,9 +50,10 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(BENCH_STAMP) $(KERNELS)  ## measures RPC, the service and the learner; a quarter of an hour; benchmarks/README.md
+bench: $(BENCH_STAMP) $(KERNELS)  ## measures RPC, the service, a step and the learner; a quarter of an hour; benchmarks/README.md
 	$(BIN)/python benchmarks/rpc.py
 	$(BIN)/python -m benchmarks.service.run --output benchmarks/results/service
+	$(BIN)/python -m benchmarks.step.run --output benchmarks/results/step
 	$(BIN)/python -m benchmarks.learner.run --output benchmarks/results/learner
 
 $(BENCH_STAMP): $(STAMP) requirements-bench.txt

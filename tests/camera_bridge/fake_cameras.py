@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from handeye.camera_bridge.driver import Frame, HeadState, StereoPair, Tick
-from handeye.camera_bridge.turning import Range, Track, check_limits
+from handeye.camera_bridge.driver import Course, Frame, HeadState, StereoPair, Tick
+from handeye.camera_bridge.turning import Range, Track, check_course, check_limits
 from handeye.rpc.errors import DeadlineExceeded
 
 _TICK = 0.02
@@ -72,6 +72,13 @@ class FakeHead:
             on_tick()
         now = self._clock()
         self._clock.advance(self._track.turn(now, (pan, tilt)).end - now)
+        return self.state()
+
+    def follow(self, course: Course, lasting: float, lease_id: str, timeout: float) -> HeadState:
+        """Turns on while its clock passes."""
+        now = self._clock()
+        check_course(course, lasting, now, *self.limits)
+        self._track.follow(now, course, lasting, self.limits)
         return self.state()
 
     def close(self) -> None:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from handeye.rpc.errors import Busy, Cancelled, DeadlineExceeded, Stopped, Unauthorised
+from handeye.camera_bridge.driver import Course
+from handeye.rpc.errors import Busy, Cancelled, DeadlineExceeded, OutOfLimits, Stopped, Unauthorised
 from handeye.simulation import objects, rig
 from handeye.simulation.profile import Profile
 from handeye.simulation.scene import STEP
@@ -183,6 +184,28 @@ def test_in_realtime_the_head_needs_the_lease_and_a_robot_that_is_not_stopped(re
         realtime.eyes.head.move(0.6, HOME_TILT, realtime.eyes.lease_id, TIMEOUT, realtime.eyes.beat)
     after = realtime.eyes.head.state()
     assert (after.pan, after.tilt, after.moving) == (home.pan, home.tilt, False)
+
+
+def test_a_head_that_follows_needs_the_lease_and_stands_still_when_the_robot_is_stopped(realtime: There) -> None:
+    head, lease_id = realtime.eyes.head, realtime.eyes.lease_id
+    home = head.state()
+    course = Course(home.pan, home.tilt, 0.2, 0.0, home.world_time)
+    with pytest.raises(Unauthorised):
+        head.follow(course, 5.0, "no lease", TIMEOUT)
+    assert not head.state().moving
+    assert head.follow(course, 5.0, lease_id, TIMEOUT).world_time >= home.world_time
+    deadline = time.monotonic() + 5.0
+    while head.state().pan < home.pan + 0.02:
+        assert time.monotonic() < deadline
+        realtime.eyes.beat()
+        time.sleep(0.01)
+    with pytest.raises(OutOfLimits, match="pan"):
+        head.follow(Course(9.0, 0.0, 0.0, 0.0, home.world_time), 1.0, lease_id, TIMEOUT)
+    assert head.state().moving
+    realtime.lab.robot.stop("a test")
+    with pytest.raises(Stopped, match="a test"):
+        head.follow(course, 5.0, lease_id, TIMEOUT)
+    assert not head.state().moving
 
 
 def test_a_cancelled_head_move_halts_the_head_and_latches_no_stop(realtime: There) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from handeye.camera_bridge.driver import Course
 from handeye.camera_bridge.turning import Track, Turn, check_limits, to_step
 from handeye.rpc.errors import OutOfLimits
 
@@ -67,6 +68,37 @@ def test_a_track_remembers_where_the_head_pointed() -> None:
     assert track.at(second.end) == ((0.5, 0.25), False)
     track.clear()
     assert track.at(20.0) == ((0.0, 0.0), False)
+
+
+@settings(max_examples=30, deadline=None)
+@given(pan=st.floats(-1.0, 1.0), rate=st.floats(-0.6, 0.6), again=st.floats(-0.6, 0.6), when=st.floats(0.02, 1.4))
+def test_a_chase_keeps_to_speed_and_acceleration_and_catches_up(
+    pan: float, rate: float, again: float, when: float
+) -> None:
+    track = Track((0.0, 0.0), 0.0, SPEED, ACCELERATION)
+    ranges = ((-3.0, 3.0), (-1.0, 1.0))
+    track.follow(10.0, Course(pan, 0.0, rate, 0.0, 10.0), 2.5, ranges)
+    second = Course(pan, 0.1, again, 0.1, 10.0 + when)
+    track.follow(10.0 + when, second, 2.5, ranges)
+    tick = 1.0 / 240.0
+    for axis in range(2):
+        angles = [track.at(10.0 + i * tick)[0][axis] for i in range(1400)]
+        speeds = [(after - before) / tick for before, after in pairwise(angles)]
+        changes = [(after - before) / tick for before, after in pairwise(speeds)]
+        assert max(map(abs, speeds)) <= SPEED + 1e-6
+        # A change between two ticks shows in two of them.
+        assert max(map(abs, changes)) <= 2 * ACCELERATION + 1e-6
+    caught = 10.0 + when + 2.4
+    assert track.at(caught)[0] == pytest.approx(second.at(caught), abs=2e-3)
+    assert track.at(caught)[1]
+    assert not track.at(20.0)[1]
+
+
+def test_a_chase_ends_at_the_end_of_the_range() -> None:
+    track = Track((0.0, 0.0), 0.0, SPEED, ACCELERATION)
+    track.follow(0.0, Course(0.0, 0.0, 1.0, 0.0, 0.0), 3.0, ((-0.5, 0.5), (-1.0, 1.0)))
+    assert max(track.at(i / 240)[0][0] for i in range(1000)) <= 0.5
+    assert track.at(10.0)[0][0] > 0.4
 
 
 def test_a_halted_head_stays_where_it_is() -> None:

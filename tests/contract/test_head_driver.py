@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import pytest
 
-from handeye.rpc.errors import OutOfLimits
+from handeye.camera_bridge.driver import LONGEST_FOLLOW, Course
+from handeye.rpc.errors import InvalidArgument, OutOfLimits
 from tests.contract.camera_fixtures import EYES, Eyes, ending_what_it_starts
 
 TIMEOUT = 20.0
@@ -59,3 +61,54 @@ def test_a_picture_says_where_the_head_pointed(eyes: Eyes) -> None:
     eyes.advance(0.1)
     pair = eyes.cameras.grab_stereo(reached.world_time, TIMEOUT)
     assert (pair.head.pan, pair.head.tilt, pair.head.moving) == (reached.pan, reached.tilt, False)
+
+
+def test_it_follows_what_moves_without_being_waited_for(eyes: Eyes) -> None:
+    start = eyes.head.move(-0.2, -0.35, eyes.lease_id, TIMEOUT, eyes.beat)
+    course = Course(-0.18, -0.35, 0.2, -0.05, start.world_time)
+    begun = eyes.head.follow(course, 2.0, eyes.lease_id, TIMEOUT)
+    assert begun.world_time - start.world_time < 0.1  # in lockstep: none
+    eyes.advance(0.8)
+    there = eyes.head.state()
+    assert there.moving
+    assert (there.pan, there.tilt) == pytest.approx(course.at(there.world_time), abs=eyes.head.step + 1e-3)
+    turned = eyes.head.follow(Course(there.pan, there.tilt, -0.2, 0.0, there.world_time), 0.6, eyes.lease_id, TIMEOUT)
+    assert turned.moving
+    eyes.advance(2.0)
+    at_last = eyes.head.state()
+    assert not at_last.moving
+    assert at_last.pan == pytest.approx(there.pan - 0.2 * 0.6, abs=0.03)
+    eyes.advance(0.2)
+    assert (eyes.head.state().pan, eyes.head.state().tilt) == (at_last.pan, at_last.tilt)
+
+
+def test_it_stands_still_at_once_when_told_to_follow_for_no_time(eyes: Eyes) -> None:
+    start = eyes.head.move(0.0, -0.3, eyes.lease_id, TIMEOUT, eyes.beat)
+    eyes.head.follow(Course(0.0, -0.3, 0.3, 0.0, start.world_time), 2.0, eyes.lease_id, TIMEOUT)
+    eyes.advance(0.5)
+    moving = eyes.head.state()
+    eyes.head.follow(Course(moving.pan, moving.tilt, 0.0, 0.0, moving.world_time), 0.0, eyes.lease_id, TIMEOUT)
+    eyes.advance(0.5)
+    still = eyes.head.state()
+    assert not still.moving
+    assert moving.pan <= still.pan < moving.pan + 0.05
+
+
+@pytest.mark.parametrize(
+    ("course", "lasting", "error"),
+    [
+        (Course(4.0, 0.0, 0.0, 0.0, 0.0), 1.0, OutOfLimits),
+        (Course(0.0, math.nan, 0.0, 0.0, 0.0), 1.0, InvalidArgument),
+        (Course(0.0, 0.0, math.inf, 0.0, 0.0), 1.0, InvalidArgument),
+        (Course(0.0, 0.0, 0.0, 0.0, 0.0), LONGEST_FOLLOW + 0.1, InvalidArgument),
+        (Course(0.0, 0.0, 0.0, 0.0, 0.0), -0.1, InvalidArgument),
+        (Course(0.0, 0.0, 0.0, 0.0, 0.0), math.nan, InvalidArgument),
+    ],
+)
+def test_it_refuses_a_course_that_it_cannot_follow(
+    eyes: Eyes, course: Course, lasting: float, error: type[Exception]
+) -> None:
+    before = eyes.head.state()
+    with pytest.raises(error):
+        eyes.head.follow(course, lasting, eyes.lease_id, TIMEOUT)
+    assert eyes.head.state() == before

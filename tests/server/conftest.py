@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import SecretStr
 from starlette.testclient import TestClient
 
-from handeye.camera_bridge.driver import Frame, HeadState, Image, StereoPair, Tick
+from handeye.camera_bridge.driver import Course, Frame, HeadState, Image, StereoPair, Tick
 from handeye.modules.module import warm_up
 from handeye.modules.recognition import HandNotSeen, NotSeen
 from handeye.modules.spaces import ImagePair, ImagePoint
@@ -271,6 +271,12 @@ class ToyHead:
             if not low <= angle <= high:
                 raise OutOfLimits(f"the head cannot turn to {angle:.3f} rad")
         self.world.head = (pan, tilt)
+        return self.state()
+
+    def follow(self, course: Course, lasting: float, lease_id: str, timeout: float) -> HeadState:
+        if not lease_id:
+            raise Unauthorised("the head needs the control lease")
+        self.world.head = course.at(self.world.time)
         return self.state()
 
     def close(self) -> None:

@@ -426,7 +426,7 @@ def test_nobody_at_the_address() -> None:
         client.robot()
 
 
-def test_collects_gazes_and_reaches(lab: Lab, client: Client) -> None:
+def test_collects_gazes_follows_and_reaches(lab: Lab, client: Client) -> None:
     client.add_background("blue cup")
     client.add_example("blue cup")
     for row, column, tilt in np.random.default_rng(2).uniform((120, 260, -0.1), (260, 420, 0.1), (8, 3)):
@@ -440,6 +440,12 @@ def test_collects_gazes_and_reaches(lab: Lab, client: Client) -> None:
     gaze = client.gaze("blue cup").raise_for_failure().result
     assert gaze is not None
     assert gaze.looks[0].offset > 300.0 > 3.0 > gaze.looks[-1].offset
+    job = client.pursue("blue cup", 0.5).raise_for_failure()
+    assert job.result is not None
+    assert (job.kind, job.result.duration) == ("pursuit", 0.5)
+    assert 6 <= len(job.result.looks) <= 7  # every tenth of a second of the toy's time, but for how sums are rounded
+    assert job.result.looks[-1].offset == pytest.approx(gaze.looks[-1].offset, abs=1.0)
+    assert client.job(job.id) == job
     events: list[JobEvent] = []
     babbled = client.collect_postures(
         ["AJS"],

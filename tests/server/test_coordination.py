@@ -164,6 +164,59 @@ class TestGaze:
         assert lab.world.head == (0.0, 0.49)
 
 
+class TestPursuit:
+    def test_follows_what_moves_for_as_long_as_asked(self, http: TestClient, lab: Lab) -> None:
+        fixate(lab, 10)
+        lab.world.head = (0.0, 0.1)
+        begun = lab.world.time
+        seen = lab.sight.see_object
+
+        def moving(left: Any, right: Any, name: str, /) -> Any:
+            lab.world.cup = np.array([150.0, 250.0 + 20.0 * (lab.world.time - LATENCY - begun), 150.0])
+            return seen(left, right, name)
+
+        lab.sight.see_object = moving  # type: ignore[method-assign]
+        job = ended(http, http.post("/v1/pursuits", json={"object": "blue cup", "duration": 3.0}))
+        assert (job["kind"], job["subject"], job["state"]) == ("pursuit", "blue cup", "succeeded")
+        looks = job["result"]["looks"]
+        assert looks[-1]["world_time"] - looks[0]["world_time"] == pytest.approx(3.0, abs=0.2)
+        assert looks[0]["offset"] > 100.0
+        # The toy's head jumps and then stands: in a tenth of a second the cup goes on by two px.
+        assert max(look["offset"] for look in looks[10:]) < 6.0
+        assert all(look["support"] > 0.1 and len(look["rate"]) == 2 for look in looks)
+        assert not lab.robot.leased
+
+    def test_ends_when_it_is_lost(self, http: TestClient, lab: Lab) -> None:
+        fixate(lab, 10)
+        step, looks = lab.cameras.grab_stereo, iter(range(1000))
+
+        def hiding(*arguments: Any) -> Any:
+            if next(looks) == 5:
+                lab.world.hidden.add("object")
+            return step(*arguments)
+
+        lab.cameras.grab_stereo = hiding  # type: ignore[assignment, method-assign]
+        job = ended(http, http.post("/v1/pursuits", json={"object": "blue cup", "duration": 60.0}))
+        assert job["error"]["code"] == "object_lost"
+        assert job["result"]["looks"][-1]["point"] is None
+
+    def test_can_be_cancelled(self, lab: Lab) -> None:
+        fixate(lab, 10)
+        job = lab.coordinator.coordination.pursue("blue cup", 120.0)
+        job.events(3, 30.0)
+        job.cancel()
+        assert view(job).state == "cancelled"
+        assert not lab.robot.leased
+
+    def test_needs_an_end_an_object_and_scs(self, http: TestClient, lab: Lab) -> None:
+        for body in ({"object": "blue cup"}, {"duration": 3.0}, {"object": "blue cup", "duration": 0.0}):
+            problem(http.post("/v1/pursuits", json=body), 422, "invalid_argument")
+        problem(http.post("/v1/pursuits", json={"object": "red cup", "duration": 3.0}), 404, "not_found")
+        show_cup(lab)
+        told = problem(http.post("/v1/pursuits", json={"object": "blue cup", "duration": 3.0}), 409, "not_taught")
+        assert "handeye collect SCS" in told
+
+
 class TestBabbling:
     def test_ajs_learns_what_the_arm_is_like(self, lab: Lab) -> None:
         collected = collect(lab, "AJS", postures=80)

@@ -111,6 +111,17 @@ def test_an_object_is_held_where_it_is_said(world: World, lab: LabClient) -> Non
         lab.hold(BALL, pose)
 
 
+def test_an_object_is_pushed_from_afar(world: World, lab: LabClient) -> None:
+    lab.place(CUP, (0.6, 0.0))
+    begun = world.time
+    ends = lab.push(CUP.name, [(0.7, 0.1), (0.6, 0.1)], 0.2)
+    assert ends == pytest.approx(begun + (np.hypot(0.1, 0.1) + 0.1) / 0.2 + 0.5, abs=0.01)
+    SimulatedRobot(world).advance(ends - begun + 0.1)
+    np.testing.assert_allclose(lab.world().object(CUP.name).pose.position[:2], (0.6, 0.1), atol=5e-4)
+    with pytest.raises(InvalidArgument, match="vase"):
+        lab.push("vase", [(0.6, 0.1)], 0.1)
+
+
 @pytest.mark.parametrize("odd", [np.nan, np.inf, 1e308])
 def test_odd_numbers_are_refused(lab: LabClient, odd: float) -> None:
     before = lab.scene()

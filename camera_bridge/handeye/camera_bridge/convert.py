@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handeye.camera_bridge.driver import CameraDescription, Frame, HeadState, StereoPair
+from handeye.camera_bridge.driver import CameraDescription, Course, Frame, HeadState, StereoPair
 from handeye.proto.v1 import camera_pb2
 from handeye.rpc.errors import Internal
 
@@ -48,6 +48,24 @@ def head_to_message(head: HeadState) -> camera_pb2.HeadState:
 def head_from_message(message: camera_pb2.HeadState) -> HeadState:
     """The head state in a message."""
     return HeadState(message.pan, message.tilt, message.moving, message.world_time)
+
+
+def course_to_message(course: Course, lasting: float, lease_id: str) -> camera_pb2.FollowHeadRequest:
+    """The request to follow a course for `lasting` s."""
+    return camera_pb2.FollowHeadRequest(
+        lease_id=lease_id,
+        pan=course.pan,
+        tilt=course.tilt,
+        pan_rate=course.pan_rate,
+        tilt_rate=course.tilt_rate,
+        world_time=course.world_time,
+        lasting=lasting,
+    )
+
+
+def course_from_message(message: camera_pb2.FollowHeadRequest) -> Course:
+    """The course in a request."""
+    return Course(message.pan, message.tilt, message.pan_rate, message.tilt_rate, message.world_time)
 
 
 def stereo_to_message(pair: StereoPair) -> camera_pb2.StereoPair:

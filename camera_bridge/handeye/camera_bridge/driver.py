@@ -36,6 +36,22 @@ class HeadState:
 
 
 @dataclass(frozen=True, slots=True)
+class Course:
+    """Where a head is to point as time goes: (pan, tilt) in rad at `world_time` in s, and on at rates in rad/s."""
+
+    pan: float
+    tilt: float
+    pan_rate: float
+    tilt_rate: float
+    world_time: float
+
+    def at(self, world_time: float) -> tuple[float, float]:
+        """(pan, tilt) in rad at a world time in s."""
+        elapsed = world_time - self.world_time
+        return self.pan + self.pan_rate * elapsed, self.tilt + self.tilt_rate * elapsed
+
+
+@dataclass(frozen=True, slots=True)
 class StereoPair:
     """Left and right picture, right minus left world time in s, and the head when the left was taken."""
 
@@ -56,6 +72,10 @@ class CameraDescription:
     step: float
     speed: float
     latency: float
+
+
+LONGEST_FOLLOW = 5.0
+"""For so long at most a head goes on by itself, in s of world time: who steered it may be gone."""
 
 
 class CameraDriver(Protocol):
@@ -115,6 +135,16 @@ class HeadDriver(Protocol):
 
         `OutOfLimits` outside the range, `Unauthorised` unless `lease_id` is the control lease. `on_tick` is called
         about every 20 ms while it turns; when a move ends early the head stands still where it is then.
+        """
+        ...
+
+    def follow(self, course: Course, lasting: float, lease_id: str, timeout: float) -> HeadState:
+        """Begins to turn so that it comes to point where `course` says, and returns at once with where it points now.
+
+        It keeps within its speed, acceleration and range. After `lasting` s of world time (0..`LONGEST_FOLLOW`) it
+        slows down and stands still, unless another call comes before: 0 makes it stand still. `OutOfLimits` when the
+        course is out of range now, `InvalidArgument` for what are no such numbers, `Unauthorised` unless `lease_id` is
+        the control lease, `Busy` during a move. `Stopped` while the robot is stopped: the head stands still too then.
         """
         ...
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from functools import cached_property
 
 from handeye.camera_bridge.convert import (
+    course_to_message,
     description_from_message,
     frame_from_message,
     head_from_message,
     stereo_from_message,
 )
-from handeye.camera_bridge.driver import CameraDescription, Frame, HeadState, StereoPair, Tick
+from handeye.camera_bridge.driver import CameraDescription, Course, Frame, HeadState, StereoPair, Tick
 from handeye.proto.methods import (
     CAMERA_DESCRIBE,
+    CAMERA_FOLLOW_HEAD,
     CAMERA_GET_HEAD,
     CAMERA_GRAB_OBSERVER,
     CAMERA_GRAB_STEREO,
@@ -102,6 +104,11 @@ class RemoteHead:
                 on_tick()
 
         return head_from_message(self._bus.call(CAMERA_MOVE_HEAD, request, timeout=timeout, on_tick=beat_and_tick))
+
+    def follow(self, course: Course, lasting: float, lease_id: str, timeout: float) -> HeadState:
+        """Begins to turn so that it comes to point where `course` says, for `lasting` s; returns at once."""
+        request = course_to_message(course, lasting, lease_id)
+        return head_from_message(self._bus.call(CAMERA_FOLLOW_HEAD, request, timeout=timeout))
 
     def close(self) -> None:
         """Nothing to release: the bus stays its owner's to close."""

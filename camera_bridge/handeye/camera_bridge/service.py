@@ -10,10 +10,17 @@ from typing import Self
 
 import structlog
 
-from handeye.camera_bridge.convert import description_to_message, frame_to_message, head_to_message, stereo_to_message
+from handeye.camera_bridge.convert import (
+    course_from_message,
+    description_to_message,
+    frame_to_message,
+    head_to_message,
+    stereo_to_message,
+)
 from handeye.camera_bridge.driver import CameraDescription, CameraDriver, HeadDriver
 from handeye.proto.methods import (
     CAMERA_DESCRIBE,
+    CAMERA_FOLLOW_HEAD,
     CAMERA_GET_HEAD,
     CAMERA_GRAB_OBSERVER,
     CAMERA_GRAB_STEREO,
@@ -59,6 +66,7 @@ class CameraService:
                         CAMERA_GRAB_OBSERVER: self._grab_observer,
                         CAMERA_GET_HEAD: self._get_head,
                         CAMERA_MOVE_HEAD: self._move_head,
+                        CAMERA_FOLLOW_HEAD: self._follow_head,
                     }
                 )
             )
@@ -98,6 +106,10 @@ class CameraService:
     def _move_head(self, request: camera_pb2.MoveHeadRequest, call: Call) -> camera_pb2.HeadState:
         timeout = _time_to_work(call)
         return head_to_message(self._head.move(request.pan, request.tilt, request.lease_id, timeout, call.check))
+
+    def _follow_head(self, request: camera_pb2.FollowHeadRequest, call: Call) -> camera_pb2.HeadState:
+        course, timeout = course_from_message(request), _time_to_work(call)
+        return head_to_message(self._head.follow(course, request.lasting, request.lease_id, timeout))
 
     def _publish(self) -> None:
         """The newest pair again and again, while somebody watches and only when it is a new one."""

@@ -156,6 +156,32 @@ class GazeResult(Model):
     middle: tuple[float, float]
 
 
+class PursuitLook(Model):
+    """One look of a pursuit: `point` and its `offset` in px, None when it was not seen; the head and its `turn` in rad.
+
+    `rate` is (pan, tilt) in rad/s; `late` the time from the exposure until the head was told its course, in s.
+    """
+
+    number: int
+    world_time: float
+    pan: float
+    tilt: float
+    point: Point | None
+    offset: float | None
+    turn: tuple[float, ...]
+    support: float | None
+    rate: tuple[float, ...]
+    late: float | None
+
+
+class PursuitResult(Model):
+    """The looks of a pursuit that is to last `duration` s; `middle` of the left picture (row, column) in px."""
+
+    duration: float
+    looks: tuple[PursuitLook, ...]
+    middle: tuple[float, float]
+
+
 class CollectResult(Model):
     """Samples that were added, by module, and what was not written down, by reason."""
 
@@ -171,9 +197,10 @@ class JobError(Model):
 
 
 class Job(Model):
-    """Long work: a run of a task, a training, a motion, a reach, a gaze, collecting; read as the class of its kind.
+    """Long work: a run of a task, a training, a motion, a reach, a gaze, a pursuit, collecting.
 
-    `subject` is the task, module, action or thing; `progress` is a share in [0, 1], None while it is not known.
+    It is read as the class of its kind. `subject` is the task, module, action or thing; `progress` is a share in
+    [0, 1], None while it is not known.
     """
 
     id: str
@@ -278,6 +305,15 @@ class GazeJob(Job):
     noun = "Gaze at"
 
 
+class PursuitJob(Job):
+    """A pursuit of `subject` by the head."""
+
+    kind: Literal["pursuit"]
+    result: PursuitResult | None = None
+
+    noun = "Pursuit of"
+
+
 class CollectJob(Job):
     """Collecting of samples for the modules `subject`."""
 
@@ -293,6 +329,7 @@ _KINDS: dict[str, type[Job]] = {
     "motion": MotionJob,
     "reach": ReachJob,
     "gaze": GazeJob,
+    "pursuit": PursuitJob,
     "collect": CollectJob,
 }
 

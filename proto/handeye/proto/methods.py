@@ -34,6 +34,7 @@ CAMERA_GRAB_STEREO = Method("Camera", "GrabStereo", camera_pb2.GrabStereoRequest
 CAMERA_GRAB_OBSERVER = Method("Camera", "GrabObserver", camera_pb2.GrabObserverRequest, camera_pb2.Frame)
 CAMERA_GET_HEAD = Method("Camera", "GetHead", camera_pb2.GetHeadRequest, camera_pb2.HeadState)
 CAMERA_MOVE_HEAD = Method("Camera", "MoveHead", camera_pb2.MoveHeadRequest, camera_pb2.HeadState)
+CAMERA_FOLLOW_HEAD = Method("Camera", "FollowHead", camera_pb2.FollowHeadRequest, camera_pb2.HeadState)
 
 LAB_DESCRIBE_SCENE = Method("Lab", "DescribeScene", lab_pb2.DescribeSceneRequest, lab_pb2.Scene)
 LAB_GET_WORLD = Method("Lab", "GetWorld", lab_pb2.GetWorldRequest, lab_pb2.WorldState)
@@ -42,6 +43,7 @@ LAB_RESET_WORLD = Method("Lab", "ResetWorld", lab_pb2.ResetWorldRequest, lab_pb2
 LAB_PLACE_OBJECT = Method("Lab", "PlaceObject", lab_pb2.PlaceObjectRequest, lab_pb2.Scene)
 LAB_HOLD_OBJECT = Method("Lab", "HoldObject", lab_pb2.HoldObjectRequest, lab_pb2.Scene)
 LAB_FILL_OBJECT = Method("Lab", "FillObject", lab_pb2.FillObjectRequest, lab_pb2.Scene)
+LAB_PUSH_OBJECT = Method("Lab", "PushObject", lab_pb2.PushObjectRequest, lab_pb2.Push)
 LAB_REMOVE_OBJECT = Method("Lab", "RemoveObject", lab_pb2.RemoveObjectRequest, lab_pb2.Scene)
 
 ROBOT_HEARTBEAT = Stream("Robot", "Heartbeat", robot_pb2.Heartbeat, urgent=True)

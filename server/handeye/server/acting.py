@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from handeye.camera_bridge.driver import HeadDriver, HeadState, Tick
+from handeye.camera_bridge.driver import Course, HeadDriver, HeadState, Tick
 from handeye.modules.spaces import HeadAngles, JointDifference
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch
 from handeye.rpc.errors import Busy, OutOfLimits
@@ -17,6 +17,7 @@ from handeye.server.problem import Conflict
 
 _LEAST_PACE = 0.001  # of `Pace`
 _TURN_LIMIT = 30.0  # s that the head may take to turn
+_FOLLOW_LIMIT = 2.0  # s that the head may take to answer when it is not waited for
 _REST_STEP = 0.05  # s of world time to wait before asking again whether the arm has come to rest
 _REST_LIMIT = 2.0  # s of world time after which an arm that still moves is an error
 _PEAK = 1.875  # greatest by mean speed of a smooth motion (minimum jerk: Flash and Hogan, 1985)
@@ -219,3 +220,12 @@ class ActingHead:
     def turn(self, to: HeadAngles) -> HeadState:
         """Turns to `to`; returns where it stands then. `OutOfLimits` beyond its range."""
         return self.__driver.move(to.pan, to.tilt, self.__robot.lease_id, _TURN_LIMIT, self.__tick)
+
+    def follow(self, course: Course, lasting: float) -> HeadState:
+        """Turns along a course for at most `lasting` s and is not waited for; returns where it points now."""
+        return self.__driver.follow(course, lasting, self.__robot.lease_id, _FOLLOW_LIMIT)
+
+    def halt(self) -> HeadState:
+        """Stands still, as soon as it can; returns where it points now."""
+        here = self.state()
+        return self.follow(Course(here.pan, here.tilt, 0.0, 0.0, here.world_time), 0.0)

@@ -25,6 +25,7 @@ from handeye.server.livemodules import LiveModules
 from handeye.server.looking import Looker
 from handeye.server.objects import Objects
 from handeye.server.problem import Invalid
+from handeye.server.pursuit import Pursuit
 from handeye.server.reach import Reach
 from handeye.server.schemas.coordination import PosturesRequest, ReachRequest
 from handeye.server.settings import ServerSettings
@@ -85,6 +86,17 @@ class Coordination:
             Gaze(self._chain, looker, self._eyes, self.settings.gazing, job).execute(object_name)
 
         return self._acting.start("gaze", object_name or "hand", object_name, work)
+
+    def pursue(self, object_name: str, duration: float) -> Job:
+        """Starts a job that follows an object with the head for `duration` s of world time; raises as `run` does."""
+        self._objects.require(object_name)
+        self._chain.require("SCS")
+
+        def work(job: Job, _robot: ActingRobot, looker: Looker) -> None:
+            settings = self.settings.pursuing
+            Pursuit(object_name, duration, self._chain, looker, self._eyes, settings, job).execute()
+
+        return self._acting.start("pursuit", object_name, object_name, work)
 
     def collect_fixation(self, object_name: str, keep: Keep) -> Job:
         """Starts a job in which SCS learns from an object that is brought to the middle; raises as `run` does."""

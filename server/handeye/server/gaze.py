@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from handeye.camera_bridge.driver import StereoPair
 from handeye.modules.spaces import HeadAngles, HeadTurn, ImagePoint
 from handeye.server.acting import OutsideTaughtRegion
-from handeye.server.chain import Chain
+from handeye.server.chain import Chain, Said
 from handeye.server.eyes import Eyes
 from handeye.server.jobs import Job
 from handeye.server.looking import Looker
@@ -74,12 +74,7 @@ class Gaze:
             return offset
         turn, said = self._chain.to_head(point, pair.head.tilt)
         self._record(pair, point, offset, turn, said.answer.support)
-        if said.answer.support < self._settings.least_support:
-            raise OutsideTaughtRegion(
-                f"Module 'SCS' was not taught for row {point.row:.0f}, column {point.column:.0f}, disparity "
-                f"{point.disparity:.0f} at a tilt of {pair.head.tilt:.2f} rad (support {said.answer.support:.2f}, at "
-                f"least {self._settings.least_support:.2f} is asked for): collect samples there."
-            )
+        require_support(said, point, pair.head.tilt, self._settings.least_support)
         self._looker.turn(HeadAngles(pair.head.pan + turn.pan, pair.head.tilt + turn.tilt))
         return offset
 
@@ -99,6 +94,16 @@ class Gaze:
         self._looks.append(look)
         result = GazeResult(looks=tuple(self._looks), middle=middle(pair))
         self._job.publish("look", look.model_dump(mode="json"), result)
+
+
+def require_support(said: Said, point: ImagePoint, tilt: float, least: float) -> None:
+    """`OutsideTaughtRegion` when SCS's answer for a point, the head at `tilt` rad, has less support than `least`."""
+    if said.answer.support < least:
+        raise OutsideTaughtRegion(
+            f"Module 'SCS' was not taught for row {point.row:.0f}, column {point.column:.0f}, disparity "
+            f"{point.disparity:.0f} at a tilt of {tilt:.2f} rad (support {said.answer.support:.2f}, at least "
+            f"{least:.2f} is asked for): collect samples there."
+        )
 
 
 def middle(pair: StereoPair) -> tuple[float, float]:

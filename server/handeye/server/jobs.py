@@ -25,7 +25,7 @@ from handeye.server.store.rows import dumps, loads, now
 
 log = structlog.get_logger(__name__)
 
-Kind = Literal["run", "train", "motion", "reach", "gaze", "collect"]
+Kind = Literal["run", "train", "motion", "reach", "gaze", "pursuit", "collect"]
 
 FINAL = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.INTERRUPTED})
 

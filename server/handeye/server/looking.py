@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from handeye.camera_bridge.driver import HeadState, StereoPair
+from handeye.camera_bridge.driver import Course, HeadState, StereoPair
 from handeye.modules.spaces import HeadAngles
 from handeye.robot_bridge.driver import RobotState
 from handeye.server.acting import ActingHead, ActingRobot
 from handeye.server.eyes import Eyes
+
+_NEWER = 1e-3  # s: less than lies between any two pictures
 
 
 class Looker:
@@ -49,6 +51,23 @@ class Looker:
             # In lockstep nobody else lets the time pass that the cameras need.
             state = self._robot.wait(ready - state.world_time)
         return state, self._eyes.grab(since, self._keep_alive)
+
+    def glance(self, newer_than: float | None, period: float) -> StereoPair:
+        """The newest pair, arm and head moving or not; it shows the world after `newer_than` (world time in s).
+
+        In lockstep `period` s of world time pass before.
+        """
+        if self._robot.lockstep:
+            self._robot.wait(period)
+        return self._eyes.grab(0.0 if newer_than is None else newer_than + _NEWER, self._keep_alive)
+
+    def follow(self, course: Course, lasting: float) -> HeadState:
+        """Lets the head follow a course for at most `lasting` s; returns at once with where it points now."""
+        return self._head.follow(course, lasting)
+
+    def halt(self) -> None:
+        """Ends following: the head slows down and stands still."""
+        self._turned = self._head.halt().world_time
 
     def _keep_alive(self) -> None:
         """The control lease is kept while pictures are waited for."""

@@ -256,6 +256,41 @@ class GazeResult(_Record):
     """(row, column) of the middle of the left picture, in px."""
 
 
+class PursuitLook(_Record):
+    """One look of a pursuit: where the object was seen, and what course the head took for it."""
+
+    number: int
+    """Counts the looks, from 0."""
+    world_time: float
+    """World time that the left picture shows, in s."""
+    pan: float
+    """Where the head pointed then, in rad."""
+    tilt: float
+    """In rad."""
+    point: Triple | None = None
+    """(row, column, disparity) in pixels; null when the object was not seen."""
+    offset: float | None = None
+    """From the middle of the left picture, in px."""
+    turn: tuple[float, ...] = ()
+    """How far from there the object was, (pan, tilt) in rad, by SCS."""
+    support: float | None = None
+    """Of that answer."""
+    rate: tuple[float, ...] = ()
+    """How fast the object was held to move, (pan, tilt) in rad/s; empty when the head was not sent after it."""
+    late: float | None = None
+    """World time from the picture's exposure until the head was told its course, in s."""
+
+
+class PursuitResult(_Record):
+    """A pursuit so far."""
+
+    duration: float
+    """How long it is to last, in s of world time."""
+    looks: tuple[PursuitLook, ...]
+    middle: tuple[float, ...]
+    """(row, column) of the middle of the left picture, in px."""
+
+
 class CollectResult(_Record):
     """What was collected so far."""
 
@@ -288,10 +323,10 @@ class JobView(_Record):
     """A job as the REST interface shows it."""
 
     id: str
-    kind: Literal["run", "train", "motion", "reach", "gaze", "collect"]
+    kind: Literal["run", "train", "motion", "reach", "gaze", "pursuit", "collect"]
     subject: str
-    """The task that is run, the task or module that is trained, the motion, what is reached for or looked at, or what
-    is collected for."""
+    """The task that is run, the task or module that is trained, the motion, what is reached for, looked at or followed,
+    or what is collected for."""
     object: str | None
     """What a task is done with."""
     state: JobState
@@ -306,11 +341,12 @@ class JobView(_Record):
         | HeadInfo
         | ReachResult
         | GazeResult
+        | PursuitResult
         | CollectResult
         | None
     )
-    """So far; of a run `subtasks`, of a training statistics, of a motion the state that was reached, of a reach or a
-    gaze its looks, of collecting what was added."""
+    """So far; of a run `subtasks`, of a training statistics, of a motion the state that was reached, of a reach, a
+    gaze or a pursuit its looks, of collecting what was added."""
     created: datetime
     started: datetime | None
     ended: datetime | None

@@ -13,6 +13,7 @@ from handeye.server.access.limits import LimitSettings
 from handeye.server.access.logs import Level
 from handeye.server.acting import ActingSettings
 from handeye.server.gaze import GazeSettings
+from handeye.server.pursuit import PursuitSettings
 from handeye.server.reach import ReachSettings
 
 
@@ -74,3 +75,5 @@ class ServerSettings(BaseSettings):
     """How the hand is brought to a point."""
     gazing: GazeSettings = GazeSettings()
     """How the head is turned to something."""
+    pursuing: PursuitSettings = PursuitSettings()
+    """How the head follows something."""

@@ -35,6 +35,7 @@ _LEAST_HEIGHT = 0.06  # m above the table
 _TURNED = np.array([0.15, 0.35, 0.35])  # rad: how far a grid is rolled, pitched and yawed at most
 _EXAMPLES = 8  # a ball is lit otherwise from each side
 _WHOLE = 60.0  # px from the border in which an example lies at least
+_CUP_EXAMPLES = ((0.55, -0.10), (0.75, 0.10), (0.82, -0.02), (0.62, 0.05))  # m, on the table, near and far
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +136,21 @@ class Experimenter:
             shown += 1
             if shown == _EXAMPLES:
                 break
+
+    def register_cup(self, spec: ObjectSpec) -> None:
+        """Shows the coordinator what a cup looks like, near and far on the table."""
+        self._lab.reset(self._seed)
+        with self._client.control("experimenter") as control:
+            for _ in range(2):
+                empty = control.state().world_time
+                control.advance(FRESH)
+                self._client.add_background(spec.name, empty)
+            for place in _CUP_EXAMPLES:
+                self._lab.place(spec, place)
+                shown = control.state().world_time
+                control.advance(FRESH)
+                self._client.add_example(spec.name, shown)
+        self._lab.remove(spec.name)
 
     def show_ball(self, count: int, nearly_centred: int, on_fixation: Callable[[], None]) -> None:
         """Has SCS learn from `count` fixations of the ball, the last `nearly_centred` of them from their ends only."""

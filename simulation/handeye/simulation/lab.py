@@ -39,6 +39,7 @@ class LabService:
             methods.LAB_PLACE_OBJECT: self._place,
             methods.LAB_HOLD_OBJECT: self._hold,
             methods.LAB_FILL_OBJECT: self._fill,
+            methods.LAB_PUSH_OBJECT: self._push,
             methods.LAB_REMOVE_OBJECT: self._remove,
         }
         self._serving = bus.serve(handlers)
@@ -77,6 +78,12 @@ class LabService:
 
     def _fill(self, request: lab_pb2.FillObjectRequest, _call: Call) -> lab_pb2.Scene:
         return scene_to_proto(self._world.fill(request.name, request.particles))
+
+    def _push(self, request: lab_pb2.PushObjectRequest, _call: Call) -> lab_pb2.Push:
+        path = [list(place.position) for place in request.path]
+        if any(len(position) != 2 for position in path):
+            raise InvalidArgument(f"each place of path must be (x, y), got {path}", detail="path")
+        return lab_pb2.Push(ends=self._world.push(request.name, path, request.speed))
 
     def _remove(self, request: lab_pb2.RemoveObjectRequest, _call: Call) -> lab_pb2.Scene:
         return scene_to_proto(self._world.remove(request.name))
@@ -124,6 +131,12 @@ class LabClient:
         """Fills liquid into a cup that stands upright; it has settled when the call returns."""
         request = lab_pb2.FillObjectRequest(name=name, particles=particles)
         return scene_from_proto(self._bus.call(methods.LAB_FILL_OBJECT, request, timeout=_FILLING_TIMEOUT))
+
+    def push(self, name: str, path: Sequence[Sequence[float]] | Array, speed: float) -> float:
+        """Begins to push an object from place (x, y) to place, m, at `speed`, m/s; the world time when it is there."""
+        places = [lab_pb2.Place(position=[float(x), float(y)]) for x, y in path]
+        request = lab_pb2.PushObjectRequest(name=name, path=places, speed=speed)
+        return self._bus.call(methods.LAB_PUSH_OBJECT, request, timeout=self._timeout).ends
 
     def remove(self, name: str) -> Scene:
         """Takes an object away."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pybullet
@@ -71,12 +72,7 @@ def put(stage: Stage, spec: ObjectSpec, pose: Pose, *, fixed: bool = False) -> N
     pybullet.resetBasePositionAndOrientation(
         body, pose.position.tolist(), pose.orientation.tolist(), physicsClientId=stage.client
     )
-    others = [(name, other) for name, other in stage.objects.items() if name != spec.name]
-    others += [("the robot", stage.robot), ("the table", stage.table), ("the floor", stage.floor)]
-    taken = [
-        name for name, other in others if pybullet.getClosestPoints(body, other, -_TOUCH, physicsClientId=stage.client)
-    ]
-    if taken:
+    if taken := _taken(stage, spec.name, body):
         pybullet.removeBody(body, physicsClientId=stage.client)
         raise InvalidArgument(
             f"{spec.name!r} cannot be at {_numbers(pose.position)}: {', '.join(taken)} is there", detail="position"
@@ -84,6 +80,35 @@ def put(stage: Stage, spec: ObjectSpec, pose: Pose, *, fixed: bool = False) -> N
     if spec.name in stage.objects:
         stage.remove(spec.name)
     stage.objects[spec.name] = body
+
+
+def require_free(stage: Stage, name: str, poses: Sequence[Pose]) -> None:
+    """`InvalidArgument` unless object `name` can be at every one of `poses`; afterwards it is where it was."""
+    body = stage.objects[name]
+    before = pybullet.getBasePositionAndOrientation(body, physicsClientId=stage.client)
+    try:
+        for pose in poses:
+            pybullet.resetBasePositionAndOrientation(
+                body, pose.position.tolist(), pose.orientation.tolist(), physicsClientId=stage.client
+            )
+            if taken := _taken(stage, name, body):
+                raise InvalidArgument(
+                    f"{name!r} cannot be pushed over {_numbers(pose.position)}: {', '.join(taken)} is there",
+                    detail="path",
+                )
+    finally:
+        pybullet.resetBasePositionAndOrientation(body, *before, physicsClientId=stage.client)
+
+
+def _taken(stage: Stage, name: str, body: int) -> list[str]:
+    """What is where `body` is, to be object `name`."""
+    others = [(other, there) for other, there in stage.objects.items() if other != name]
+    others += [("the robot", stage.robot), ("the table", stage.table), ("the floor", stage.floor)]
+    return [
+        other
+        for other, there in others
+        if pybullet.getClosestPoints(body, there, -_TOUCH, physicsClientId=stage.client)
+    ]
 
 
 def _numbers(position: Array) -> str:

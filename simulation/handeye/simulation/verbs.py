@@ -29,6 +29,7 @@ class What(StrEnum):
 
     CSS = "css"
     SCS = "scs"
+    PURSUIT = "pursuit"
     REACH = "reach"
     GRASP = "grasp"
     CLUMSY = "clumsy"
@@ -117,7 +118,7 @@ def register(app: typer.Typer) -> None:
         what: Annotated[What, typer.Argument(help="Which figures.")],
         seed: Annotated[list[int] | None, typer.Option(min=0, help="Of all that is drawn; several are pooled.")] = None,
         trials: Annotated[int, typer.Option(min=1, help="Random trials for each seed.")] = 100,
-        clock: Annotated[Clock, typer.Option(help="How world time passes.")] = Clock.LOCKSTEP,
+        clock: Annotated[Clock, typer.Option(help="How world time passes; pursuit: realtime.")] = Clock.LOCKSTEP,
         report: Annotated[Path, typer.Option(help="Where the page and the numbers go.")] = Path("report"),
     ) -> None:
         """Measure the hand-eye system in a lab of its own, and print the figures beside targets and thesis."""

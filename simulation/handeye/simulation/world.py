@@ -26,6 +26,7 @@ from handeye.simulation.motion import JointMotion
 from handeye.simulation.objects import ObjectSpec
 from handeye.simulation.pose import Pose
 from handeye.simulation.profile import Profile
+from handeye.simulation.pushing import Push
 from handeye.simulation.scene import ARM_JOINTS, FINGER_1, FINGER_2, STEP, WorldState
 from handeye.simulation.stillness import Stillness
 
@@ -46,7 +47,7 @@ class Scene:
     seed: int
     profile: str
     clock: Clock
-    conditions: Conditions
+    conditions: Conditions = ORDINARY
 
 
 class World:
@@ -120,6 +121,8 @@ class World:
                 self._mishaps.before_step(tool, moving=self._stillness.busy)
             self._arm.drive()
             self._gripper.drive()
+            for name in [name for name, push in self._pushes.items() if not push.drive()]:
+                del self._pushes[name]
             pybullet.stepSimulation(physicsClientId=self._client)
             self._step += 1
             self._ticks += 1
@@ -328,12 +331,33 @@ class World:
                 self.step()
             return self.scene()
 
+    def push(self, name: str, path: Sequence[Sequence[float]] | Array, speed: float) -> float:
+        """Begins to push an object along the table, as with a stick; returns the world time at which it will be there.
+
+        The push goes on while world time passes, whatever the robot does meanwhile; another one replaces it. It ends
+        when the object is placed, held or taken away, or when the robot touches it: then it stays where it is.
+
+        Args:
+            name: which object.
+            path: places (x, y) its axis is led to, one after the other, in m, world frame.
+            speed: in m/s; it begins and ends gently.
+
+        Raises:
+            InvalidArgument: no such object, or it cannot be pushed there. The world is as it was.
+        """
+        with self.lock:
+            self._require_open()
+            push = Push(self._stage, self._known(name), np.array(path, dtype=np.float64), speed)
+            self._pushes[name] = push
+            return self.time + push.duration
+
     def remove(self, name: str) -> Scene:
         """Takes an object away; `InvalidArgument` when there is none of that name."""
         with self.lock:
             self._require_open()
             self._known(name)
             del self._specs[name]
+            self._pushes.pop(name, None)
             self._stage.remove(name)
             self._changed()
             return self.scene()
@@ -348,6 +372,7 @@ class World:
 
     def _put(self, spec: ObjectSpec, pose: Pose, *, fixed: bool = False) -> None:
         placement.put(self._stage, spec, pose, fixed=fixed)
+        self._pushes.pop(spec.name, None)
         self._specs.pop(spec.name, None)  # what replaces another counts as put last
         self._specs[spec.name] = spec
         self._changed()
@@ -373,6 +398,7 @@ class World:
         self._stage.set_joints(self._arm.link, np.full(2, travel))
         self._mishaps = Mishaps(self._stage, conditions) if conditions != ORDINARY else None
         self._specs: dict[str, ObjectSpec] = {}
+        self._pushes: dict[str, Push] = {}
         self._history = History()
         self._step = 0
         self._stillness = Stillness()

@@ -8,12 +8,12 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
-from handeye.camera_bridge.driver import Frame, HeadState, StereoPair, Tick
-from handeye.camera_bridge.turning import Range, Track, check_limits
+from handeye.camera_bridge.driver import Course, Frame, HeadState, StereoPair, Tick
+from handeye.camera_bridge.turning import Range, Track, check_course, check_limits
 from handeye.proto.methods import ROBOT_ADVANCE
 from handeye.proto.v1 import robot_pb2
 from handeye.rpc import Bus, LabBusSettings
-from handeye.rpc.errors import Busy, DeadlineExceeded, InvalidArgument, Unauthorised, Unavailable
+from handeye.rpc.errors import Busy, DeadlineExceeded, InvalidArgument, Stopped, Unauthorised, Unavailable
 from handeye.simulation import rig
 from handeye.simulation.lab import LabClient
 from handeye.simulation.mirror import Mirror
@@ -225,6 +225,28 @@ class SimulatedHead:
                 self._halt()
                 raise
             return self.state()
+        finally:
+            self._turning.release()
+
+    def follow(self, course: Course, lasting: float, lease_id: str, timeout: float) -> HeadState:
+        """Begins to turn so that it comes to point where `course` says, for `lasting` s; returns at once.
+
+        The robot bridge checks the lease, and refuses while the robot is stopped: then the head stands still too.
+        """
+        deadline = time.monotonic() + timeout
+        if not self._turning.acquire(blocking=False):
+            raise Busy("the head is turning already; wait until it stands still")
+        try:
+            try:
+                self._advance(0.0, lease_id, deadline, None)
+            except Stopped:
+                self._halt()
+                raise
+            now = self.now()
+            check_course(course, lasting, now, *self.limits)
+            with self._lock:
+                self._track.follow(now, course, lasting, self.limits)
+            return self.at(now)
         finally:
             self._turning.release()
 

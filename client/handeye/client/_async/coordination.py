@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike
 
 from handeye.client._arrays import rows_of_points
 from handeye.client._async.jobs import AsyncJobCalls, ignore
-from handeye.client._job_models import CollectJob, CollectResult, GazeJob, OnEvent, Point, ReachJob, Seen
+from handeye.client._job_models import CollectJob, CollectResult, GazeJob, OnEvent, Point, PursuitJob, ReachJob, Seen
 
 Keep = Literal["all", "first", "last"]
 Babbler = Literal["AJS", "CAS", "IJS"]
 
 
 class AsyncCoordinationCalls(AsyncJobCalls):
-    """The part of the client for /v1/reaches, /v1/gazes and /v1/collect.
+    """The part of the client for /v1/reaches, /v1/gazes, /v1/pursuits and /v1/collect.
 
     Jobs are waited for `timeout` s; they are returned when they have ended, failed ones too.
     """
@@ -47,6 +47,13 @@ class AsyncCoordinationCalls(AsyncJobCalls):
     ) -> GazeJob:
         """Turns the head until an object, or the hand for None, is in the middle of the left picture."""
         job = await self._post_once(GazeJob, "/v1/gazes", {"object": object_name})
+        return await self._see_through(job, timeout, on_event)
+
+    async def pursue(
+        self, object_name: str, duration: float, *, timeout: float = 300.0, on_event: OnEvent = ignore
+    ) -> PursuitJob:
+        """Follows an object that moves with the head, for `duration` s of world time or until it is lost."""
+        job = await self._post_once(PursuitJob, "/v1/pursuits", {"object": object_name, "duration": duration})
         return await self._see_through(job, timeout, on_event)
 
     async def collect_fixation(

@@ -9,7 +9,7 @@ from typing import Literal
 from numpy.typing import ArrayLike
 
 from handeye.client._arrays import rows_of_points
-from handeye.client._job_models import CollectJob, CollectResult, GazeJob, OnEvent, Point, ReachJob, Seen
+from handeye.client._job_models import CollectJob, CollectResult, GazeJob, OnEvent, Point, PursuitJob, ReachJob, Seen
 from handeye.client._sync.jobs import SyncJobCalls, ignore
 
 Keep = Literal["all", "first", "last"]
@@ -17,7 +17,7 @@ Babbler = Literal["AJS", "CAS", "IJS"]
 
 
 class SyncCoordinationCalls(SyncJobCalls):
-    """The part of the client for /v1/reaches, /v1/gazes and /v1/collect.
+    """The part of the client for /v1/reaches, /v1/gazes, /v1/pursuits and /v1/collect.
 
     Jobs are waited for `timeout` s; they are returned when they have ended, failed ones too.
     """
@@ -46,6 +46,13 @@ class SyncCoordinationCalls(SyncJobCalls):
     def gaze(self, object_name: str | None = None, *, timeout: float = 120.0, on_event: OnEvent = ignore) -> GazeJob:
         """Turns the head until an object, or the hand for None, is in the middle of the left picture."""
         job = self._post_once(GazeJob, "/v1/gazes", {"object": object_name})
+        return self._see_through(job, timeout, on_event)
+
+    def pursue(
+        self, object_name: str, duration: float, *, timeout: float = 300.0, on_event: OnEvent = ignore
+    ) -> PursuitJob:
+        """Follows an object that moves with the head, for `duration` s of world time or until it is lost."""
+        job = self._post_once(PursuitJob, "/v1/pursuits", {"object": object_name, "duration": duration})
         return self._see_through(job, timeout, on_event)
 
     def collect_fixation(

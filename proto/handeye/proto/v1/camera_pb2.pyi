@@ -293,3 +293,49 @@ class MoveHeadRequest(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___MoveHeadRequest: _TypeAlias = MoveHeadRequest  # noqa: Y015
+
+@_typing.final
+class FollowHeadRequest(_message.Message):
+    """Asks for the head to point at (pan, tilt) at a world time, and to go on from there at these rates."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LEASE_ID_FIELD_NUMBER: _builtins.int
+    PAN_FIELD_NUMBER: _builtins.int
+    TILT_FIELD_NUMBER: _builtins.int
+    PAN_RATE_FIELD_NUMBER: _builtins.int
+    TILT_RATE_FIELD_NUMBER: _builtins.int
+    WORLD_TIME_FIELD_NUMBER: _builtins.int
+    LASTING_FIELD_NUMBER: _builtins.int
+    lease_id: _builtins.str
+    """The caller's control lease."""
+    pan: _builtins.float
+    """Pan angle in rad at world_time."""
+    tilt: _builtins.float
+    """Tilt angle in rad at world_time."""
+    pan_rate: _builtins.float
+    """Rate of the pan angle in rad/s."""
+    tilt_rate: _builtins.float
+    """Rate of the tilt angle in rad/s."""
+    world_time: _builtins.float
+    """World time in s, past or to come."""
+    lasting: _builtins.float
+    """After so many seconds of world time the head slows down and stands still, unless it is told again; 0: at once."""
+    def __init__(
+        self,
+        *,
+        lease_id: _builtins.str = ...,
+        pan: _builtins.float = ...,
+        tilt: _builtins.float = ...,
+        pan_rate: _builtins.float = ...,
+        tilt_rate: _builtins.float = ...,
+        world_time: _builtins.float = ...,
+        lasting: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["lasting", b"lasting", "lease_id", b"lease_id", "pan", b"pan", "pan_rate", b"pan_rate", "tilt", b"tilt", "tilt_rate", b"tilt_rate", "world_time", b"world_time"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FollowHeadRequest: _TypeAlias = FollowHeadRequest  # noqa: Y015

@@ -492,6 +492,84 @@ class FillObjectRequest(_message.Message):
 Global___FillObjectRequest: _TypeAlias = FillObjectRequest  # noqa: Y015
 
 @_typing.final
+class Place(_message.Message):
+    """A place on the table."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POSITION_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def position(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """(x, y) in m, world frame."""
+
+    def __init__(
+        self,
+        *,
+        position: _abc.Iterable[_builtins.float] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["position", b"position"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Place: _TypeAlias = Place  # noqa: Y015
+
+@_typing.final
+class PushObjectRequest(_message.Message):
+    """Asks for an object to be pushed."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    PATH_FIELD_NUMBER: _builtins.int
+    SPEED_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    """Name of the object."""
+    speed: _builtins.float
+    """Speed in m/s; it begins and ends gently."""
+    @_builtins.property
+    def path(self) -> _containers.RepeatedCompositeFieldContainer[Global___Place]:
+        """Where its axis is led to, one place after the other."""
+
+    def __init__(
+        self,
+        *,
+        name: _builtins.str = ...,
+        path: _abc.Iterable[Global___Place] | None = ...,
+        speed: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["name", b"name", "path", b"path", "speed", b"speed"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PushObjectRequest: _TypeAlias = PushObjectRequest  # noqa: Y015
+
+@_typing.final
+class Push(_message.Message):
+    """A push that has begun. It ends early when the object is placed, held or taken away, or when the robot touches it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ENDS_FIELD_NUMBER: _builtins.int
+    ends: _builtins.float
+    """World time at which it will be over, in s."""
+    def __init__(
+        self,
+        *,
+        ends: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["ends", b"ends"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Push: _TypeAlias = Push  # noqa: Y015
+
+@_typing.final
 class RemoveObjectRequest(_message.Message):
     """Asks for an object to be taken away."""
 

@@ -19,6 +19,7 @@ from handeye.server.schemas.coordination import (
     LookInfo,
     LookRequest,
     PosturesRequest,
+    PursuitRequest,
     ReachRequest,
 )
 
@@ -47,6 +48,12 @@ def reach(request: ReachRequest, coordinator: CoordinatorDep, once: OnceDep) -> 
 def gaze(request: GazeRequest, coordinator: CoordinatorDep, once: OnceDep) -> Response:
     """Starts a job that turns the head, by SCS, until an object or the hand is in the middle of the left picture."""
     return once.reply(lambda: _accepted(coordinator.coordination.gaze(request.object)), 202)
+
+
+@router.post("/pursuits", status_code=202, response_model=JobView, responses=responses(404, 409))
+def pursue(request: PursuitRequest, coordinator: CoordinatorDep, once: OnceDep) -> Response:
+    """Starts a job in which the head follows an object that moves, by SCS, for a given time or until it is lost."""
+    return once.reply(lambda: _accepted(coordinator.coordination.pursue(request.object, request.duration)), 202)
 
 
 @router.post("/collect/postures", status_code=202, response_model=JobView, responses=responses(404, 409))

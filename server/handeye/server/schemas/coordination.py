@@ -62,6 +62,14 @@ class GazeRequest(Body):
     """Null: the hand."""
 
 
+class PursuitRequest(Body):
+    """What the head is to follow."""
+
+    object: Name
+    duration: Number = Field(gt=0.0, le=120.0)
+    """How long, in s of world time; cancel the job to end it before."""
+
+
 class FixationRequest(Body):
     """What to fixate, and which looks to learn SCS from."""
 

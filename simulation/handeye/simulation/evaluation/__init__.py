@@ -3,7 +3,17 @@
 The acting side has images and encoders. Truth, which the referee here has, only judges.
 """
 
-from handeye.simulation.evaluation import foretelling, pour, reaching, resilience, saccade, stack, stereo, vision
+from handeye.simulation.evaluation import (
+    foretelling,
+    pour,
+    pursuit,
+    reaching,
+    resilience,
+    saccade,
+    stack,
+    stereo,
+    vision,
+)
 from handeye.simulation.evaluation.grasp import CLUMSY_TEACHER, GRASP, WIDE
 from handeye.simulation.evaluation.site import Evaluation
 
@@ -12,6 +22,7 @@ EVALUATIONS: dict[str, Evaluation] = {
     for each in (
         stereo.EVALUATION,
         saccade.EVALUATION,
+        pursuit.EVALUATION,
         reaching.EVALUATION,
         GRASP,
         CLUMSY_TEACHER,

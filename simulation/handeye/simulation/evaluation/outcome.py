@@ -93,6 +93,14 @@ def _bootstrapped(
     return Figure(name, value, float(low), float(high), unit, len(found), target, met, thesis)
 
 
+def quantile(name: str, values: ArrayLike, share_below: float, unit: str) -> Figure:
+    """What this share of the values stays below, with a bootstrapped interval."""
+    found = np.asarray(values, np.float64)
+    picks = np.random.default_rng(0).integers(len(found), size=(_RESAMPLES, len(found)))
+    low, high = np.quantile(np.quantile(found[picks], share_below, axis=1), (0.025, 0.975))
+    return Figure(name, float(np.quantile(found, share_below)), float(low), float(high), unit, len(found))
+
+
 def _rounded(value: Any) -> Any:
     """Numbers to a millionth of their unit: more than that says nothing, and takes room."""
     if isinstance(value, float):

@@ -55,7 +55,7 @@ def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[
     if goal is None or start is None:
         return None
     place = marker_place(kinematics.forward(goal))
-    pan, tilt = _towards(place, random)
+    pan, tilt = np.add(towards(place), random.uniform(-1.0, 1.0, 2) * _ASIDE).tolist()
     site.lab.reset(int(random.integers(2**31)))
     try:
         with site.client.control("referee") as control:
@@ -152,14 +152,13 @@ def _camera(pan: float, tilt: float) -> Array:
     return np.asarray(np.linalg.inv(rig.left_from_world(pan, tilt))[:3, 3], np.float64)
 
 
-def _towards(place: Array, random: np.random.Generator) -> tuple[float, float]:
-    """(pan, tilt) in rad: towards a place, and a little beside it."""
+def towards(place: Array) -> tuple[float, float]:
+    """(pan, tilt) in rad of a head that looks towards a place (3,) in m, world frame."""
     head = rig.rig().head
     x, y, z = place - np.array(head.position)
     turn = math.atan2(y, x) - head.heading
     pan = (turn + math.pi) % (2 * math.pi) - math.pi
-    aside = random.uniform(-1.0, 1.0, 2) * _ASIDE
-    return pan + aside[0], math.atan2(z, math.hypot(x, y)) + aside[1]
+    return pan, math.atan2(z, math.hypot(x, y))
 
 
 EVALUATION = Evaluation(

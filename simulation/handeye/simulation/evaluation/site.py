@@ -69,6 +69,8 @@ class Evaluation:
     figures: Callable[[Sequence[Trial]], tuple[Figure, ...]]
     histograms: Callable[[Sequence[Trial]], dict[str, tuple[float, ...]]]
     """Values of single trials, by a caption that names their unit."""
+    clock: Clock | None = None
+    """The one clock with which it means something; None: any."""
 
 
 def run(evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock, console: Console) -> Outcome:
@@ -77,7 +79,10 @@ def run(evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock,
     told: list[Trial] = []
     pictures: list[Picture] = []
     for seed in seeds:
-        told += [{"seed": seed, **trial} for trial in _measured(evaluation, seed, trials, clock, console, pictures)]
+        told += [
+            {"seed": seed, **trial}
+            for trial in _measured(evaluation, seed, trials, evaluation.clock or clock, console, pictures)
+        ]
     return Outcome(
         evaluation.name,
         evaluation.title,

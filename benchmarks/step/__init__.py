@@ -1,0 +1,1 @@
+"""What one look-think-move step costs outside rendering and motion."""
