@@ -13,7 +13,7 @@ from handeye.modules.window import Image
 from handeye.simulation.evaluation import EVALUATIONS
 from handeye.simulation.evaluation.disturbing import DISTURBANCES, Disturbance, disturbed, shown
 
-OBJECT, HAND = HandPoint(240.0, 300.0, 90.0, ()), ImagePoint(120.0, 330.0, 100.0)
+OBJECT, HAND = ImagePoint(240.0, 300.0, 90.0), HandPoint(120.0, 330.0, 100.0, ())
 
 
 class Pretender(Recogniser):
