@@ -23,7 +23,7 @@ DECLARATION = ModuleDeclaration(
     ),
     outputs=(Output(name="delta pan", unit="rad"), Output(name="delta tilt", unit="rad")),
     approximator=ApproximatorSettings(
-        method="local_quadratic", neighbours=20, smoothing=0.03, ridge=1e-4, curvature_ridge=1e-3
+        method="local_quadratic", neighbours=20, smoothing=0.03, ridge=1e-4, curvature_ridge=1e-2
     ),
 )
 

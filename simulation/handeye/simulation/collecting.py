@@ -22,7 +22,7 @@ MODULES: tuple[Module, ...] = get_args(Module)
 
 FIXATIONS = 45
 """As many samples as the thesis had for SCS (4.2.4)."""
-NEARLY_CENTRED = 11
+NEARLY_CENTRED = 9
 """So many of them from the ends of fixations: there the map must be exact for saccades to converge."""
 POSTURES = {"AJS": 300, "CAS": 150, "IJS": 150}
 
