@@ -55,6 +55,16 @@ IN_HAND = ModuleDeclaration(
 )
 """The same with the way from hand to object in the hand's own axes: one demonstration is enough for a straight fit."""
 
+MANY = 5
+"""So many demonstrations are enough for a bent one."""
+BENT = ApproximatorSettings(method="local_quadratic", neighbours=None, ridge=1e-2, curvature_ridge=1.0)
+"""That one."""
+
+
+def in_hand(demonstrations: int) -> ModuleDeclaration:
+    """`IN_HAND` with answers made as suits so many demonstrations."""
+    return IN_HAND if demonstrations < MANY else IN_HAND.model_copy(update={"approximator": BENT})
+
 
 def input_vector(subtask: int, vector: ImageVector | HandVector, joints: JointAngles) -> NDArray[np.float64]:
     """IJS's input, shape (10,): the number of the subtask, the vector from hand to object, the joints."""

@@ -174,7 +174,7 @@ class Tasks:
         css = self._css_for(shown) if frame == "hand" else None
         taught = pairs(shown, subtasks, css, key_only=request.pairs == "key")
         module_name = f"IJS.{name}"
-        declaration = declare(frame, request.approximator).model_copy(update={"name": module_name})
+        declaration = declare(frame, request.approximator, len(shown)).model_copy(update={"name": module_name})
         content = {
             "frame": frame,
             "subtasks": [asdict(subtask) for subtask in subtasks],
@@ -263,9 +263,14 @@ class Tasks:
             )
 
 
-def declare(frame: Frame, approximator: Method | ApproximatorSettings | None) -> ModuleDeclaration:
-    """Module IJS with this approximator; a method by name comes with the settings that suit IJS."""
-    declaration = ijs.IN_HAND if frame == "hand" else ijs.DECLARATION
+def declare(
+    frame: Frame, approximator: Method | ApproximatorSettings | None, demonstrations: int = 1
+) -> ModuleDeclaration:
+    """Module IJS with this approximator; a method by name comes with the settings that suit IJS.
+
+    None: as suits so many demonstrations.
+    """
+    declaration = ijs.in_hand(demonstrations) if frame == "hand" else ijs.DECLARATION
     if approximator is None:
         return declaration
     if isinstance(approximator, str):
