@@ -35,6 +35,8 @@ _OFFSET = math.radians(1.0)
 _BUMP = math.radians(2.0)
 _CARD = replace(GRID, name="card", radius=0.05)
 _CARD_AT = 0.5  # of the way from the left camera to the hand
+_ASIDE = math.radians(60.0)
+_TRIES = 20
 
 Array = NDArray[np.float64]
 
@@ -92,7 +94,7 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
     found: list[Trial] = []
     for kind, mischance in enumerate(MISCHANCES):
         judged = _tried(site, mischance, draw(seed, Purpose.TESTING, trials), np.random.default_rng([seed, 10 + kind]))
-        found += [{"mischance": mischance.name, **told(each)} for each in judged]
+        found += [{"mischance": mischance.name, **told(each), "well": _ended_well(each)} for each in judged]
         last = [look for part in judged[-1].job.result.subtasks for look in part.looks][-1]
         pictures.append(Picture(site.client.picture(last.picture), f"{mischance.name}, seed {seed}: the last look."))
     return found
@@ -109,13 +111,23 @@ def _tried(site: Site, mischance: Mischance, places: Sequence[Place], random: np
     return found
 
 
+def _ended_well(judged: Judged) -> bool:
+    """The cup is held up in the air. How far it was pushed before is not the arm's doing where others push it."""
+    return judged.trial.passed["grasp"] and judged.trial.passed["lift"]
+
+
 def _hide(site: Site, random: np.random.Generator, place: Place) -> None:
-    """Holds a card before the left camera: its edge runs through the middle of the marker where the hand grasps."""
-    marker = gripper.marker_place(kinematics.forward(grasping.solve_chain(np.array([place.x, place.y]))["grasp"]))
+    """Holds a card before the left camera: its edge runs through the middle of the marker where the hand grasps.
+
+    It comes from a side on which the object is not: it is the gripper that is hidden.
+    """
+    hand = kinematics.forward(grasping.solve_chain(np.array([place.x, place.y]))["grasp"])
+    marker = gripper.marker_place(hand)
     camera = np.linalg.inv(rig.left_from_world(*rig.rig().head.home))
     axes = camera[:3, :3]
-    while True:
-        angle = random.uniform(0.0, 2 * math.pi)
+    away = axes.T @ (marker - hand[:3, 3])
+    for _ in range(_TRIES):
+        angle = math.atan2(away[1], away[0]) + random.uniform(-_ASIDE, _ASIDE)
         aside = axes @ np.array([math.cos(angle), math.sin(angle), 0.0]) * _CARD.radius
         pose = np.eye(4)
         pose[:3, :3] = axes @ np.diag([1.0, -1.0, -1.0])
@@ -125,6 +137,7 @@ def _hide(site: Site, random: np.random.Generator, place: Place) -> None:
         except InvalidArgument:  # the arm is there
             continue
         return
+    raise ValueError(f"there is no room for a card before the hand at ({place.x:.3f}, {place.y:.3f}) m")
 
 
 def _figures(found: Sequence[Trial]) -> tuple[Figure, ...]:
