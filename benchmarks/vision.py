@@ -49,6 +49,11 @@ def places(random: np.random.Generator) -> tuple[Floats, Floats]:
     return random.uniform((240, 100), (430, 540)), random.uniform((60, 100), (180, 540))
 
 
+def roughly(place: Floats, random: np.random.Generator) -> Window | None:
+    row, column = place + random.uniform(-20, 20, 2)
+    return Window.around(float(row), float(column), REACH, SIZE)
+
+
 def by_turns(calls: dict[str, Callable[[], object]], took: dict[str, list[float]]) -> None:
     for _ in range(ROUNDS):
         for name, call in calls.items():
@@ -71,17 +76,15 @@ def main() -> None:
     shown = [np.array(place) for place in ((260, 150), (400, 500), (300, 420), (380, 220))]
     model = ObjectModel.learn([draw(random, None, None)], [draw(random, place, None) for place in shown])
     marker = Marker(7)
-    lessons = [places(random) for _ in range(240)]
+    lessons = [places(random) for _ in range(320)]
     small = [reduced(draw(random, *lesson)) for lesson in lessons]
-    cup_guide = taught([model.likeness(each) for each in small], [cup for cup, _ in lessons], 160.0)
-    hand_guide = taught([grey(each) for each in small], [hand for _, hand in lessons], 30.0)
+    cup_guide = taught([model.likeness(each) for each in small], [cup for cup, _ in lessons], 1 / 4)
+    hand_guide = taught([grey(each) for each in small], [hand for _, hand in lessons], 1 / 16)
     took: dict[str, list[float]] = {}
     for _ in range(SCENES):
         cup, hand = places(random)
         picture = draw(random, cup, hand)
-        at_cup, at_hand = (
-            Window.around(*(place + random.uniform(-20, 20, 2)).tolist(), REACH, picture.shape) for place in (cup, hand)
-        )
+        at_cup, at_hand = (roughly(place, random) for place in (cup, hand))
         assert at_cup is not None
         by_turns(
             {

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,8 +107,9 @@ def test_what_is_found_by_guide_is_what_is_found_without(
 
 
 def misled(guided: GuidedRecogniser, guess: Guess, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All guides say `guess`."""
-    monkeypatch.setattr(Guide, "guess", lambda _self, _picture: guess)
+    """The guides say `guess`, 30 px to the right and to the left of it."""
+    said = itertools.cycle([replace(guess, column=guess.column + shift) for shift in (30, -30)])
+    monkeypatch.setattr(Guide, "guess", lambda _self, _picture: next(said))
 
 
 @pytest.mark.parametrize(
@@ -146,6 +149,20 @@ def test_guesses_that_cannot_be_one_point_are_not_trusted() -> None:
     assert not Guesses(sure, sure, agree=False).trusted
     assert not Guesses(sure, Guess(100.0, 100.0, 0.0, trusted=False), agree=True).trusted
     assert tuple(sorted(REACHES)) == REACHES
+
+
+def test_guides_that_contradict_each_other_are_not_trusted(
+    artist: Artist, taught: tuple[GuidedRecogniser, Watched], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pair = scene(artist, np.random.default_rng(7))
+    said: Iterator[Guess] = iter(())
+    monkeypatch.setattr(Guide, "guess", lambda _self, _picture: next(said))
+    for rows, disparity, trusted in ((0, 60, True), (10, 70, True), (40, 60, False), (0, 120, False), (0, 0, False)):
+        places = (100, 200), (100 + rows, 200 - disparity)
+        said = iter([Guess(float(row), float(column), 1.0, trusted=True) for row, column in places])
+        guesses = taught[0].guesses(*pair, "cup")
+        assert guesses is not None
+        assert guesses.trusted == trusted
 
 
 def test_absence_lowers_support_and_is_said_of_the_whole_picture(
@@ -198,7 +215,7 @@ def test_pictures_of_other_sizes_have_guides_of_their_own(
 
 
 def test_a_guide_keeps_so_many_pictures_and_asks_for_time_ever_less_often() -> None:
-    guide, random = Guide((240, 320, 3), Imagination(1, 20.0)), np.random.default_rng(0)
+    guide, random = Guide((240, 320, 3), Imagination(1, 1 / 16)), np.random.default_rng(0)
     built_at = []
     for number in range(600):
         if guide.due:
@@ -206,7 +223,7 @@ def test_a_guide_keeps_so_many_pictures_and_asks_for_time_ever_less_often() -> N
             guide.rebuild()
         picture = random.integers(0, 255, (6, 8), dtype=np.uint8)
         guide.teach(picture, float(random.uniform(0, 240)), float(random.uniform(0, 320)), number)
-    assert built_at == [24, 36, 54, 81, 122, 183, 275, 395, 515]  # by half of what is kept, at most 240
+    assert built_at == [24, 36, 54, 81, 122, 183, 275, 413, 573]  # by half of what is kept, at most 320
     assert guide.guess(random.integers(0, 255, (6, 8), dtype=np.uint8)) is not None
 
 

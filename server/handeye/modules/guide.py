@@ -9,7 +9,6 @@ A taught picture also teaches what it would be if the head were turned a little:
 from __future__ import annotations
 
 import threading
-from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,7 +24,7 @@ GreyPicture = NDArray[np.uint8]
 
 _LONGER_SIDE = 40  # cells of a reduced picture: 16 × 16 px each of 640 × 480
 _SETTINGS = MDFSettings(cells=20)
-_KEPT = 240  # pictures; the oldest go first
+_KEPT = 320  # pictures; a new one takes the place of any: what was long ago fades, and does not end at once
 _LEAST = 24  # pictures from which a first tree is made
 _GROWTH = 1.5  # a tree is made anew when so many times the pictures have been seen that it was made of
 _LOW_SUPPORT = 0.005  # all but one in 200 of the taught pictures were more like the others
@@ -45,7 +44,7 @@ class Guess:
 
 @dataclass(frozen=True, slots=True)
 class Imagination:
-    """How a taught picture is varied: so many times, shifted by up to so many px along each axis."""
+    """How a taught picture is varied: so many times, shifted by up to this share of its width along each axis."""
 
     count: int
     reach: float
@@ -78,7 +77,8 @@ class Guide:
         """`shape` of the whole pictures (rows, columns, …)."""
         self._shape = shape
         self._imagination = imagination
-        self._taught: deque[_Taught] = deque(maxlen=_KEPT)
+        self._taught: list[_Taught] = []
+        self._random = np.random.default_rng(0)
         self._seen = 0
         self._due_at = float(_LEAST)
         self._built: _Built | None = None
@@ -100,6 +100,8 @@ class Guide:
     def teach(self, picture: GreyPicture, row: float, column: float, scene: int) -> None:
         """The thing was found at (row, column), px of the whole picture. `scene`: pictures of one are alike."""
         with self._lock:
+            if len(self._taught) == _KEPT:
+                self._taught.pop(int(self._random.integers(_KEPT)))
             self._taught.append(_Taught(picture, row, column, scene))
             self._seen += 1
 
@@ -128,7 +130,11 @@ class Guide:
     def _imagine(self, seen: _Taught, random: np.random.Generator) -> _Taught:
         """The picture shifted; what was at its border fills what comes into view. The thing stays in the picture."""
         at = np.array([seen.row, seen.column])
-        moved = np.clip(at + random.uniform(-1.0, 1.0, 2) * self._imagination.reach, 0, np.array(self._shape[:2]) - 1)
+        moved = np.clip(
+            at + random.uniform(-1.0, 1.0, 2) * self._imagination.reach * self._shape[1],
+            0,
+            np.array(self._shape[:2]) - 1,
+        )
         rows, columns = (moved - at) * np.array(seen.picture.shape) / self._shape[:2]
         warp = np.array([[1, 0, columns], [0, 1, rows]])
         shifted = cv2.warpAffine(

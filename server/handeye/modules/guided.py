@@ -27,9 +27,10 @@ SIDES: tuple[Side, Side] = ("left", "right")
 REACHES = (1 / 16, 5 / 32)
 """The windows reach so far from the guess, as shares of the picture's width: 40 and 100 px of 640."""
 
-_ROWS_AGREE = 0.07  # of the width: guesses in left and right picture with rows farther apart support each other not
-_OF_OBJECT = Imagination(count=2, reach=160.0)  # before nothing: wherever it is, it looks the same
-_OF_HAND = Imagination(count=2, reach=30.0)  # the arm that comes with it looks much the same nearby only
+_ROWS_AGREE = 0.07  # of the width: guesses in left and right picture whose rows are farther apart are not one point
+_DISPARITIES_AGREE = 0.05  # of the width: nor are those whose disparity is so far beyond all that were found
+_OF_OBJECT = Imagination(count=2, reach=1 / 4)  # before nothing: wherever it is, it looks the same
+_OF_HAND = Imagination(count=2, reach=1 / 16)  # the arm that comes with it looks much the same nearby only
 _SAME_SCENE = 8.0  # px that a thing may have moved
 
 _Views = tuple[GreyPicture, GreyPicture]
@@ -61,6 +62,8 @@ class GuidedRecogniser:
         self._recogniser = recogniser
         self._guides: dict[tuple[str | None, Side, tuple[int, ...]], Guide] = {}
         self._scenes: dict[str | None, tuple[int, ImagePoint]] = {}
+        self._disparities: dict[str | None, tuple[float, float]] = {}
+        """The least and the greatest that were found of each thing, px."""
         self._lock = threading.Lock()
 
     def register(self, name: str, model: ObjectModel) -> None:
@@ -115,6 +118,7 @@ class GuidedRecogniser:
         with self._lock:
             self._guides = {key: guide for key, guide in self._guides.items() if key[0] != name}
             self._scenes.pop(name, None)
+            self._disparities.pop(name, None)
 
     def _see_one(self, left: Image, right: Image, name: str | None) -> tuple[ImagePoint, float]:
         found, confidence, views = self._find(left, right, name)
@@ -154,10 +158,13 @@ class GuidedRecogniser:
     def _guesses(self, name: str | None, shape: tuple[int, ...], views: _Views) -> Guesses | None:
         with self._lock:
             guides = [self._guides.get((name, side, shape)) for side in SIDES]
+            least, greatest = self._disparities.get(name, (0.0, 0.0))
         left, right = (None if each is None else each.guess(view) for each, view in zip(guides, views, strict=True))
         if left is None or right is None:
             return None
-        return Guesses(left, right, abs(left.row - right.row) <= _ROWS_AGREE * shape[1])
+        spare, disparity = _DISPARITIES_AGREE * shape[1], left.column - right.column
+        agree = abs(left.row - right.row) <= _ROWS_AGREE * shape[1] and least - spare <= disparity <= greatest + spare
+        return Guesses(left, right, agree)
 
     def _scene(self, name: str | None, found: ImagePoint) -> int:
         """Looks one after the other that show a thing at one place are one scene; its number."""
@@ -169,6 +176,9 @@ class GuidedRecogniser:
             return number
 
     def _teach(self, name: str | None, shape: tuple[int, ...], views: _Views, found: ImagePoint, scene: int) -> None:
+        with self._lock:
+            least, greatest = self._disparities.get(name, (found.disparity, found.disparity))
+            self._disparities[name] = min(least, found.disparity), max(greatest, found.disparity)
         columns = found.column, found.column - found.disparity
         for side, view, column in zip(SIDES, views, columns, strict=True):
             with self._lock:
