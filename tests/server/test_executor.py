@@ -395,20 +395,33 @@ def test_a_cup_that_slips_again_and_again_is_reported(lab: Lab, monkeypatch: pyt
     assert lab.robot.stopped
 
 
-def test_what_is_held_is_never_let_go_to_begin_again(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_held_is_put_back_where_it_was_taken(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cup hangs otherwise in the hand than was ever shown: it is put back the way that it came, and left there."""
     train(lab)
-    close = lab.robot.close_gripper
+    adjust, close, open_ = lab.robot.adjust_joints, lab.robot.close_gripper, lab.robot.open_gripper
+    taken: list[Joints] = []
+    left: list[Joints] = []
+
+    def adjusting(delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+        if taken:
+            lab.world.cup = FAR
+        return adjust(delta, pace, watch)
 
     def closing(watch: Watch = unwatched) -> RobotState:
-        closed = close(watch)
-        lab.world.cup = FAR  # what is seen in the next subtask was never taught
-        return closed
+        taken.append(lab.world.joints.copy())
+        return close(watch)
 
+    def opening(watch: Watch = unwatched) -> RobotState:
+        left.append(lab.world.joints.copy())
+        return open_(watch)
+
+    monkeypatch.setattr(lab.robot, "adjust_joints", adjusting)
     monkeypatch.setattr(lab.robot, "close_gripper", closing)
+    monkeypatch.setattr(lab.robot, "open_gripper", opening)
     job = run(lab)
     assert job.error is not None
-    assert job.error.code == "outside_taught_region"
-    assert "open_gripper" not in lab.robot.commands
+    assert job.error.code == "outside_taught_region"  # where the cup is now it cannot be taken
+    assert left == [pytest.approx(taken[0], abs=1e-9)]
 
 
 def test_a_gripper_that_has_closed_on_nothing_is_noticed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,8 +58,8 @@ class ActingSettings(BaseModel):
     hold: float = Field(default=2.5, ge=0.0)
     """World time waited after the last subtask, in s."""
     attempts: int = Field(default=3, ge=1)
-    """How often a task is begun. It is begun again where it began when nothing is held and what was seen in a later
-    subtask is not what was taught: the object was moved, or has slipped out of the hand."""
+    """How often a task is begun. It is begun again where it began when what is seen in a later subtask is not what was
+    taught: the object was moved, or has slipped in the hand or out of it. What is held is put back before."""
     least_grip: float = Field(default=0.002, ge=0.0)
     """A gripper that has closed further than this holds nothing, in m."""
     grip_slack: float = Field(default=0.005, gt=0.0)

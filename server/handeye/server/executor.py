@@ -98,11 +98,13 @@ class Run:
         """Where the newest looks of this subtask would have the arm, each in rad."""
         self._grip: float | None = None
         """How far the gripper was open when it had closed, in m; None while it is open."""
+        self._carried: list[Joints] = []
+        """Where the arm has been since the gripper has closed, in rad."""
 
     def execute(self) -> None:
         """Does the task. On any error the arm is stopped, the subtask is marked as failed, the error goes on.
 
-        Before that it is begun again, as often as is set, when what was seen was not as taught and nothing is held.
+        Before that it is begun again, as often as is set, when what was seen was not as taught.
         """
         try:
             start = self._robot.state().joints
@@ -113,7 +115,7 @@ class Run:
                     return self._attempt()
                 except (OutsideTaughtRegion, NotSeen, NotAligned, LostGrip) as trouble:
                     # In the first subtask nothing has changed yet: it would end in the same way.
-                    if not left or len(self._subtasks) - begun < 2 or not self._holds_nothing():
+                    if not left or len(self._subtasks) - begun < 2:
                         raise
                     self._begin_again(start, trouble)
         except Exception as error:
@@ -131,10 +133,13 @@ class Run:
         self._require_grip()
 
     def _begin_again(self, start: Joints, trouble: Exception) -> None:
-        """Opens the gripper and goes back to where the arm was at first: on the way there nothing stood."""
+        """Puts back what is held, opens the gripper and goes to where the arm was at first."""
         if self._subtasks[-1].state == "running":
             self._update("subtask", state="failed")
         self._job.publish("again", {"message": str(trouble)}, self._result())
+        if not self._holds_nothing():
+            for joints in reversed(self._carried):  # the way that it came: there it was free
+                self._robot.adjust_joints(joints - self._robot.at_rest().joints)
         self._robot.open_gripper()
         self._grip = None
         self._robot.adjust_joints(start - self._robot.at_rest().joints)
@@ -163,7 +168,8 @@ class Run:
         if subtask.way:
             self._follow(subtask)
         if subtask.action == "close_gripper":
-            self._grip = self._robot.close_gripper().gripper_opening
+            closed = self._robot.close_gripper()
+            self._grip, self._carried = closed.gripper_opening, [closed.joints]
         elif subtask.action == "open_gripper":
             self._require_grip()
             self._robot.open_gripper()
@@ -229,6 +235,7 @@ class Run:
             self._job.check()
             before = self._robot.state()
             after = self._robot.adjust_joints(joints + turn.angles - before.joints, seconds)
+            self._carried.append(after.joints)
             early = seconds - (after.world_time - before.world_time)
             if early > 0.0:
                 self._robot.wait(early)
@@ -286,6 +293,7 @@ class Run:
             after = self._robot.adjust_joints(way)
         except OutOfLimits:
             after = self._robot.adjust_joints(way / 2)
+        self._carried.append(after.joints)
         return tuple(float(value) for value in after.joints - before.joints)
 
     def _record(

@@ -72,7 +72,12 @@ def grasp(spec: ObjectSpec) -> Lesson:
 
     def plan(world: WorldState) -> tuple[Move, ...]:
         chain = _chain(world, spec)
-        return (*_taking(chain, looks=4), Move("lift", chain["grasp"], 0, None, way=(chain["lift"],)))
+        return (
+            *_taking(chain, looks=4),
+            Move("lift", chain["grasp"], 0, None, way=(chain["lift"],)),
+            # What it looks like when it is held: what does not look so has slipped.
+            Move("hold", chain["lift"], 0, None),
+        )
 
     return Lesson("grasp", (spec,), places, plan)
 
