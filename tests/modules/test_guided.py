@@ -16,6 +16,7 @@ from handeye.modules.recognition import NotSeen, Recogniser, Windows
 from handeye.modules.spaces import ImagePoint
 from handeye.modules.window import Image
 
+from . import conftest
 from .conftest import Artist, Thing, marker_warp
 
 CUP = Thing(0, 0, (24, 16), ((25, 60, 190),))
@@ -53,6 +54,14 @@ def scene(artist: Artist, random: np.random.Generator) -> Pair:
         return artist.with_marker(plain, 7, marker_warp(hand_row, hand_column - shift, 15, 0.1, 0.5))
 
     return picture(0), picture(60)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drawn_coarsely() -> Iterator[None]:
+    """Many pictures, and no fraction of a pixel matters here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(conftest, "FINE", 2)
+        yield
 
 
 def rebuilt(guided: GuidedRecogniser) -> None:
