@@ -69,7 +69,9 @@ def test_what_a_job_left_behind_has_its_type() -> None:
     ended = Job.model_validate(job("succeeded", "motion", result=ROBOT))
     assert isinstance(ended.result, Robot)
     statistics = {"task": "grasp", "module": "IJS.grasp", "demonstrations": [], "pairs": 0, "subtasks": []}
-    trained = Job.model_validate(job("succeeded", "train", result={**statistics, "approximator": {}}))
+    trained = Job.model_validate(
+        job("succeeded", "train", result={**statistics, "approximator": {}, "frame": "picture"})
+    )
     assert isinstance(trained.result, TrainStatistics)
 
 
@@ -179,7 +181,7 @@ def test_training_waits_for_its_end(connect: Connect) -> None:
 
     def answer(request: httpx2.Request) -> httpx2.Response:
         if request.method == "POST":
-            assert json.loads(request.content) == {"pairs": "key", "approximator": "kndb"}
+            assert json.loads(request.content) == {"pairs": "key", "approximator": "kndb", "frame": None}
             return httpx2.Response(202, json=job("queued", "train"))
         if request.url.path.endswith("/events"):
             return streamed(event(1, "progress", {"progress": 0.5}), event(2, "state", ended))

@@ -28,7 +28,7 @@ def run_task(run: Run, ended: dict[str, object]) -> Result:
 
     def answer(request: httpx2.Request) -> httpx2.Response:
         if request.method == "POST":
-            assert json.loads(request.content) == {"object": "cup", "one_look": True}
+            assert json.loads(request.content) == {"object": "cup", "one_look": True, "least_support": None}
             return httpx2.Response(202, json=job("running"))
         if request.url.path.endswith("/events"):
             return streamed(*stream, event(3, "state", ended))
@@ -116,6 +116,7 @@ RUN = {
                     "world_time": 1.5,
                     "object": [200.0, 300.0, 40.0],
                     "hand": [100.0, 300.0, 40.0],
+                    "hand_seen": True,
                     "delta": [0.1, -0.25],
                     "support": 0.87,
                     "neighbours": [

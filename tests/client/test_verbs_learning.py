@@ -148,7 +148,7 @@ def training(ended: dict[str, object], asked: list[str], *, module: bool = False
 def test_a_task_is_trained(run: Run) -> None:
     subtask = {"name": "grasp", "action": "close_gripper", "pairs": 20, "nodes": 15, "levels": 3}
     result = {"task": "grasp", "module": "IJS.grasp", "demonstrations": ["a", "b"], "pairs": 20}
-    ended = job("succeeded", "train", result={**result, "subtasks": [subtask], "approximator": {}})
+    ended = job("succeeded", "train", result={**result, "subtasks": [subtask], "approximator": {}, "frame": "picture"})
     asked: list[str] = []
     for module in (False, True):
         words = said(run(training(ended, asked, module=module), "train", "grasp", "--key-pairs"))
