@@ -176,6 +176,7 @@ def test_training_waits_for_its_end(connect: Connect) -> None:
         "pairs": 4,
         "subtasks": [],
         "approximator": {"method": "kndb"},
+        "frame": "picture",
     }
     ended = job("succeeded", "train", result=result)
 
