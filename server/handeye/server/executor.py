@@ -24,6 +24,7 @@ from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegi
 from handeye.server.demonstration import Subtask
 from handeye.server.eyes import Eyes, Sighting
 from handeye.server.felt import FeltHand
+from handeye.server.grip import Grip, LostGrip
 from handeye.server.jobs import Job
 from handeye.server.looking import Looker
 from handeye.server.pictures import side_by_side
@@ -39,12 +40,6 @@ class NotAligned(Conflict):
     """The looks have run out and the hand is not where the subtask ends: the gripper must not act there."""
 
     code = "not_aligned"
-
-
-class LostGrip(Conflict):
-    """The gripper holds nothing, or nothing any more."""
-
-    code = "lost_grip"
 
 
 class Skill(Protocol):
@@ -96,10 +91,7 @@ class Run:
         self._last_look: tuple[ImagePair, Joints]
         self._goals: list[Joints] = []
         """Where the newest looks of this subtask would have the arm, each in rad."""
-        self._grip: float | None = None
-        """How far the gripper was open when it had closed, in m; None while it is open."""
-        self._carried: list[Joints] = []
-        """Where the arm has been since the gripper has closed, in rad."""
+        self._grip = Grip(robot, settings)
 
     def execute(self) -> None:
         """Does the task. On any error the arm is stopped, the subtask is marked as failed, the error goes on.
@@ -130,33 +122,15 @@ class Run:
             final = subtask is last and not _goes_on(subtask)
             self._do(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
         self._robot.wait(self._settings.hold)
-        self._require_grip()
+        self._grip.require()
 
     def _begin_again(self, start: Joints, trouble: Exception) -> None:
         """Puts back what is held, opens the gripper and goes to where the arm was at first."""
         if self._subtasks[-1].state == "running":
             self._update("subtask", state="failed")
         self._job.publish("again", {"message": str(trouble)}, self._result())
-        if not self._holds_nothing():
-            for joints in reversed(self._carried):  # the way that it came: there it was free
-                self._robot.adjust_joints(joints - self._robot.at_rest().joints)
-        self._robot.open_gripper()
-        self._grip = None
+        self._grip.put_back()
         self._robot.adjust_joints(start - self._robot.at_rest().joints)
-
-    def _holds_nothing(self) -> bool:
-        return self._grip is None or self._robot.state().gripper_opening < self._least_opening(self._grip)
-
-    def _require_grip(self) -> None:
-        """`LostGrip` when something should be held and is not."""
-        if self._grip is not None and self._holds_nothing():
-            raise LostGrip(
-                "The gripper has closed on nothing, or what it held has slipped out of it: see where the object is."
-            )
-
-    def _least_opening(self, grip: float) -> float:
-        """A gripper that is less open than this, in m, holds nothing."""
-        return max(self._settings.least_grip, grip - self._settings.grip_slack)
 
     def _do(self, subtask: Subtask, tolerance: float) -> None:
         started = self._robot.state().world_time
@@ -168,12 +142,9 @@ class Run:
         if subtask.way:
             self._follow(subtask)
         if subtask.action == "close_gripper":
-            closed = self._robot.close_gripper()
-            self._grip, self._carried = closed.gripper_opening, [closed.joints]
+            self._grip.close()
         elif subtask.action == "open_gripper":
-            self._require_grip()
-            self._robot.open_gripper()
-            self._grip = None
+            self._grip.open()
         ended = self._robot.state().world_time
         self._update("subtask", state="succeeded", ended=ended, aligned=aligned, action=subtask.action)
 
@@ -201,7 +172,7 @@ class Run:
     def _step(self, subtask: Subtask, tolerance: float) -> float:
         """One look and, unless it is within `tolerance`, the move it asks for; the answer's largest angle in rad."""
         self._job.check()
-        self._require_grip()
+        self._grip.require()
         state, sighting, found, picture = self._look(self._towards(subtask))
         self._last_look = (found, state.joints)
         turn, answer = self._skill.answer(subtask.name, found, state.joints)
@@ -235,7 +206,7 @@ class Run:
             self._job.check()
             before = self._robot.state()
             after = self._robot.adjust_joints(joints + turn.angles - before.joints, seconds)
-            self._carried.append(after.joints)
+            self._grip.carried_to(after.joints)
             early = seconds - (after.world_time - before.world_time)
             if early > 0.0:
                 self._robot.wait(early)
@@ -293,7 +264,7 @@ class Run:
             after = self._robot.adjust_joints(way)
         except OutOfLimits:
             after = self._robot.adjust_joints(way / 2)
-        self._carried.append(after.joints)
+        self._grip.carried_to(after.joints)
         return tuple(float(value) for value in after.joints - before.joints)
 
     def _record(
