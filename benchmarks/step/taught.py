@@ -113,7 +113,10 @@ def coordinator(store: Store, cameras: CameraDriver) -> Iterator[Coordinator]:
     """A coordinator that knows nothing yet."""
     robot = StillRobot(grasping.PARK)
     control = Control(lambda _holder: cast(ControlledRobot, robot), StillHead())
-    with closing(Coordinator(store, robot, control, cameras, Vision(), SETTINGS, list)) as made:
+    with (
+        closing(Vision()) as vision,
+        closing(Coordinator(store, robot, control, cameras, vision, SETTINGS, list)) as made,
+    ):
         made.load()
         yield made
 

@@ -123,7 +123,8 @@ class Module:
         found = []
         for category, each in model.statistics().items():
             with suppress(NotTaught):  # its samples were taken out just now
-                support = _support(model.calibration(category), alone=each.groups == 1)
+                alone = each.groups == 1 and each.samples <= _FEW
+                support = _support(model.calibration(category), alone=alone)
                 found.append(CategoryStatistics(category, each.samples, each.groups, each.tree, support))
         return tuple(found)
 
@@ -199,7 +200,9 @@ class Module:
         calibration = model.calibration(category)
         kept = self._supports_kept.get(category)
         if kept is None or kept[0] is not calibration:
-            alone = model.statistics()[category].groups == 1
+            # Counting the demonstrations of many samples would take long, and one demonstration has not so many.
+            few = model.tree(category).samples <= _FEW
+            alone = few and model.statistics()[category].groups == 1
             kept = self._supports_kept[category] = (calibration, _support(calibration, alone=alone))
         return kept[1]
 
@@ -274,6 +277,7 @@ class _Learned(NamedTuple):
 _OWN = 1 << 40
 """A sample that came from no demonstration is a group of its own: this and its number."""
 
+_FEW = 1000  # samples
 _ALONE = 0.5  # in scaled inputs: the least that the largest distance counts as when there is one demonstration
 
 
