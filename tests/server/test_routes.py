@@ -224,7 +224,7 @@ def test_a_demonstration_from_begin_to_finish(lab: Lab, http: TestClient) -> Non
         "object": "blue cup",
         "state": "finished",
         "observations": 2,
-        "subtasks": [{"name": "grasp", "action": "close_gripper"}],
+        "subtasks": [{"name": "grasp", "action": "close_gripper", "object": None, "way": []}],
     }
     assert "is finished" in problem(http.post(f"{at}/observations", json=goal), 409, "conflict")
     assert len(http.get("/v1/demonstrations").json()["demonstrations"]) == 1
