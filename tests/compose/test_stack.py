@@ -104,7 +104,7 @@ def test_teach_train_query_grasp(containers: Containers, client: Client, token: 
 
     in_the_lab("place", OBJECT, "--at", str(PLACE.x), str(PLACE.y))
     run = client.run_task(TASK, OBJECT).raise_for_failure()
-    assert [part.name for part in run.result.subtasks] == ["approach", "grasp", "lift"]
+    assert [part.name for part in run.result.subtasks] == ["approach", "grasp", "lift", "hold"]
     # Why each motion was made can be read back.
     for look in (look for part in run.result.subtasks for look in part.looks):
         assert {neighbour.demonstration for neighbour in look.neighbours} <= set(trained.demonstrations)
