@@ -95,8 +95,8 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
     for kind, mischance in enumerate(MISCHANCES):
         judged = _tried(site, mischance, draw(seed, Purpose.TESTING, trials), np.random.default_rng([seed, 10 + kind]))
         found += [{"mischance": mischance.name, **told(each), "well": _ended_well(each)} for each in judged]
-        last = [look for part in judged[-1].job.result.subtasks for look in part.looks][-1]
-        pictures.append(Picture(site.client.picture(last.picture), f"{mischance.name}, seed {seed}: the last look."))
+        frame = site.client.frame("left")
+        pictures.append(Picture(frame, f"{mischance.name}, seed {seed}: the left picture at the last trial's end."))
     return found
 
 
