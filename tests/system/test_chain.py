@@ -39,7 +39,7 @@ def test_collects_gazes_and_reaches_from_pictures_and_encoders(tmp_path: Path) -
         experimenter = Experimenter(lab, client, SEED)
         experimenter.show_grid(volume_views(np.random.default_rng(SEED), depths=6), ignore)
         experimenter.register_ball()
-        experimenter.show_ball(24, 6, ignore)
+        experimenter.show_ball(24, 8, ignore)
         babblers: tuple[tuple[Literal["AJS", "CAS"], int], ...] = (("AJS", 80), ("CAS", 30))
         for module, postures in babblers:
             lab.reset(SEED)
