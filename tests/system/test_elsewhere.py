@@ -134,7 +134,7 @@ def test_a_client_elsewhere_teaches_trains_runs_and_reads_back_why(stack: Stack,
             remote.kill()
     # Looks of approach and grasp, of the lift towards its goal and its way, of the hold.
     assert report["pairs"] == 2 * (16 + 14 + 2 * 3 + 2)
-    assert report["moves"] >= 3
+    assert report["moves"] >= 2
     assert set(report["reasons"]) == {"grasp-1", "grasp-2"}
     assert report["support"] > 0.2
     assert min(report["pictures"]) > 10_000
