@@ -123,8 +123,7 @@ class Module:
         found = []
         for category, each in model.statistics().items():
             with suppress(NotTaught):  # its samples were taken out just now
-                alone = each.groups == 1 and each.samples <= _FEW
-                support = _support(model.calibration(category), alone=alone)
+                support = self._support_of(model, category)
                 found.append(CategoryStatistics(category, each.samples, each.groups, each.tree, support))
         return tuple(found)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from handeye.cli import CliError
 from handeye.client import Client, TimedOut
-from handeye.client.models import Job
+from handeye.client.models import Job, JobEvent, OnEvent
 from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import ObjectSpec
@@ -28,6 +28,10 @@ class Judged:
     trial: Trial
     job: Job
     track: Track
+
+
+def _ignore(_event: JobEvent) -> None:
+    """Nothing is done about what happens."""
 
 
 class Trials:
@@ -81,14 +85,19 @@ class Trials:
     def _run(self, one_look: bool, least_support: float | None) -> Job:
         """The task as a job that has ended, the robot free to move again."""
         started = self._client.start_run(self._task, self._spec.name, one_look=one_look, least_support=least_support)
-        try:
-            job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT)
-        except TimedOut:
-            self._client.cancel_job(started.id)
-            job = self._client.follow(started.id, timeout=TRIAL_TIMEOUT)
+        job = to_its_end(self._client, started, TRIAL_TIMEOUT)
         if not job.succeeded:
             self._check()
             if job.error is not None and job.error.code == "stopped":
                 raise CliError(f"the robot was stopped from outside during a trial: {job.failure}")
             self._client.reset_robot()
         return job
+
+
+def to_its_end(client: Client, started: Job, timeout: float, on_event: OnEvent = _ignore) -> Job:
+    """A job that has ended; it is cancelled when it has not after `timeout` s."""
+    try:
+        return client.follow(started.id, timeout, on_event)
+    except TimedOut:
+        client.cancel_job(started.id)
+        return client.follow(started.id, timeout)

@@ -29,8 +29,9 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
     teacher = Teacher(site.robot, site.lab, site.client, grasp(CUP), _TASK, unwatched)
     teacher.register_objects(seed)
     taught, _ = possible(site, seed, Purpose.TEACHING, _TAUGHT, WORKSPACE_SIZE)
+    motions = generator(seed, Purpose.MOTIONS)
     for place in taught:
-        teacher.demonstrate((place,), generator(seed, Purpose.MOTIONS), lambda: None)
+        teacher.demonstrate((place,), motions, lambda: None)
     site.client.train(_TASK)
     places, _ = possible(site, seed, Purpose.TESTING, trials, _WIDE)
     trying = Trials(site.client, site.lab, CUP, _TASK, site.stack.check)

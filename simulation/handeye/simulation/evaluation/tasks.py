@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from handeye.client import TimedOut
 from handeye.client.models import RunJob
 from handeye.simulation.evaluation.site import Site, Trial
 from handeye.simulation.lessons import Lesson
 from handeye.simulation.places import Purpose
 from handeye.simulation.report import Picture
 from handeye.simulation.scene import WorldState
+from handeye.simulation.trying import to_its_end
 
 TAUGHT = 10
 """Demonstrations, as in the thesis's Tables 4.1 and 4.2."""
@@ -78,11 +78,7 @@ class Table:
             if event.kind == "waypoint" and passed == _MIDWAY and number <= _PICTURED:
                 pictures.append(Picture(client.frame("observer"), f"Trial {number}, on the way, by the observer."))
 
-        try:
-            ended = client.follow(job.id, _TRIAL_TIMEOUT, on_event)
-        except TimedOut:
-            client.cancel_job(job.id)
-            ended = client.follow(job.id, _TRIAL_TIMEOUT)
+        ended = to_its_end(client, job, _TRIAL_TIMEOUT, on_event)
         assert isinstance(ended, RunJob)  # noqa: S101 # what was started
         return ended
 
