@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from handeye.simulation import grasping, gripper, kinematics, puma
-from handeye.simulation.lessons import AROUND_APPROACH, AROUND_GRASP
+from handeye.simulation.lessons import AROUND_APPROACH, AROUND_GRASP, BEFORE_APPROACH
 from handeye.simulation.places import Place, Purpose, draw
 from handeye.simulation.scatter import Scatter
 from handeye.simulation.scene import WORKSPACE_CENTRE, WORKSPACE_SIZE
@@ -73,3 +75,22 @@ def test_small_motions_have_all_scales_and_keep_their_bounds() -> None:
     assert offsets[:, 2].min() == pytest.approx(-0.04, abs=2e-3)
     sizes = np.linalg.norm(offsets, axis=1)
     assert np.quantile(sizes, 0.1) < 0.004 < 0.02 < np.quantile(sizes, 0.9)
+
+
+@given(seed=seeds, corner=corners)
+def test_elsewhere_the_hand_is_held_as_to_grasp_there_and_meets_no_cup_on_its_ways(
+    seed: int, corner: tuple[float, float]
+) -> None:
+    cup = WORKSPACE_CENTRE + WORKSPACE_SIZE * np.array(corner)
+    goal = grasping.solve_chain(cup)["approach"]
+    places = BEFORE_APPROACH.draw(goal, np.random.default_rng(seed))
+    assert len(places) >= BEFORE_APPROACH.count / 2
+    assert not np.any(np.array(places)[:, [3, 5]])
+    stops = [goal, *places, goal]
+    for one, other in itertools.pairwise(stops):
+        for share in np.linspace(0.0, 1.0, 20):
+            pose = kinematics.forward(one + share * (other - one))
+            assert pose[2, 3] > 0.06
+            # The fingers end 2 cm beyond the point between them, the cup is 9.5 cm high.
+            away = np.hypot(*(pose[:2, 3] - cup))
+            assert away > CUP_RADIUS + 0.02 or pose[2, 3] > 0.12

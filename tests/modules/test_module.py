@@ -404,6 +404,16 @@ def test_support_goes_by_what_is_taught_now() -> None:
     assert module.answer(query).support < 0.02
 
 
+def test_few_demonstrations_that_are_alike_do_not_make_all_else_far() -> None:
+    supports = []
+    for shown in (1, 2, 4):
+        module = Module(declare())
+        inputs = np.column_stack([np.zeros(4), np.arange(4) * 1e-6, np.zeros(4)])
+        module.learn(inputs, np.zeros((4, 2)), [str(number % shown) for number in range(4)])
+        supports.append(module.answer([0, 10.0, 0]).support)  # components have a scale of 10
+    assert supports == pytest.approx([0.25, 0.125, 0.0625], rel=1e-3)
+
+
 def test_queries_go_on_while_samples_come_and_go() -> None:
     module, stop, errors = trained(), threading.Event(), list[BaseException]()
 

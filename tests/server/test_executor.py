@@ -466,6 +466,23 @@ def test_a_hand_that_is_hidden_is_felt(lab: Lab, monkeypatch: pytest.MonkeyPatch
     assert miss(job) < 1.0
 
 
+def test_what_hides_a_cup_that_is_held_does_not_take_it_out_of_the_hand(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    train(lab)
+    close = lab.robot.close_gripper
+
+    def closing(watch: Watch = unwatched) -> RobotState:
+        lab.world.hidden.add("object")
+        return close(watch)
+
+    monkeypatch.setattr(lab.robot, "close_gripper", closing)
+    job = run(lab)
+    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
+    assert [(part.name, part.aligned) for part in done(job).subtasks] == [("grasp", True), ("lift", False)]
+    assert lab.world.gripper == 0.065
+
+
 def test_a_hand_that_was_never_seen_is_not_guessed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
     train(lab)
     hide_after(lab, monkeypatch, looks=0)

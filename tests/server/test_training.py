@@ -14,9 +14,10 @@ from handeye.server.answering import NothingTaught
 from handeye.server.demonstration import Demonstration
 from handeye.server.demonstrations import Demonstrations, Incomplete
 from handeye.server.livemodules import LiveModules
+from handeye.server.pairs import NotTeachable, pairs
 from handeye.server.problem import NotFound
 from handeye.server.store import Store
-from handeye.server.training import NotTeachable, Tasks, TrainRequest, common_subtasks, declare, pairs
+from handeye.server.training import Tasks, TrainRequest, common_subtasks, declare
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

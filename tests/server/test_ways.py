@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from handeye.server.pairs import NotTeachable, waypoint_codes
 from handeye.server.problem import Conflict, NotFound
 from handeye.server.results import JobState, JobView, RunResult
 from handeye.server.store.demonstrations import _observation
 from handeye.server.store.rows import dumps
-from handeye.server.training import NotTeachable, TrainRequest, waypoint_codes
+from handeye.server.training import TrainRequest
 from tests.server.conftest import JOINTS, LATENCY, PARK
 from tests.server.rest import done, problem
 

@@ -8,6 +8,7 @@ CSS.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -28,8 +29,32 @@ def in_picture(found: ImagePair) -> ImageVector:
     )
 
 
-def in_hand(css: Module, found: ImagePair) -> HandVector:
-    """The way from hand to object in the hand's own axes, by module CSS.
+@dataclass(frozen=True, slots=True, eq=False)
+class Metric:
+    """Object and hand of a look in the camera's frame, in m: the object's point (3,), the marker's middle (3,), and the
+    hand's axes (3, 3) as columns: to the right, up and out of the marker."""
+
+    object: Floats
+    hand: Floats
+    axes: Floats
+
+    @property
+    def way(self) -> HandVector:
+        """The way from hand to object in the hand's own axes."""
+        return self.to(self.object)
+
+    def to(self, point: Floats) -> HandVector:
+        """The way from the hand to any point (3,)."""
+        return HandVector(self.axes.T @ (point - self.hand))
+
+    def at_end_of(self, way: HandVector) -> Floats:
+        """The point (3,) that is so far from the hand, in its own axes."""
+        point: Floats = self.hand + self.axes @ way.array()
+        return point
+
+
+def metric(css: Module, found: ImagePair) -> Metric:
+    """A look by module CSS.
 
     `TypeError` when the hand was seen without its outline; `NotTaught` when CSS knows nothing.
     """
@@ -37,7 +62,12 @@ def in_hand(css: Module, found: ImagePair) -> HandVector:
         raise TypeError("the hand was seen as a point only, without its outline")
     seen = css.answers(np.array([found.object.array(), *found.hand.outline])).outputs
     centre, axes = _frame(seen[1:])
-    return HandVector(axes.T @ (seen[0] - centre))
+    return Metric(seen[0], centre, axes)
+
+
+def in_hand(css: Module, found: ImagePair) -> HandVector:
+    """The way from hand to object in the hand's own axes; raises as `metric` does."""
+    return metric(css, found).way
 
 
 def _frame(outline: Floats) -> tuple[Floats, Floats]:

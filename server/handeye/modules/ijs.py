@@ -51,19 +51,9 @@ IN_HAND = ModuleDeclaration(
         *(Component(name=f"joint {i}", unit="rad", scale=10.0) for i in range(1, JOINTS + 1)),
     ),
     outputs=DECLARATION.outputs,
-    approximator=ApproximatorSettings(method="local_linear", neighbours=None, ridge=1e-2),
+    approximator=ApproximatorSettings(method="local_quadratic", neighbours=None, ridge=1e-3, curvature_ridge=1e-2),
 )
-"""The same with the way from hand to object in the hand's own axes: one demonstration is enough for a straight fit."""
-
-MANY = 5
-"""So many demonstrations are enough for a bent one."""
-BENT = ApproximatorSettings(method="local_quadratic", neighbours=None, ridge=1e-2, curvature_ridge=1.0)
-"""That one."""
-
-
-def in_hand(demonstrations: int) -> ModuleDeclaration:
-    """`IN_HAND` with answers made as suits so many demonstrations."""
-    return IN_HAND if demonstrations < MANY else IN_HAND.model_copy(update={"approximator": BENT})
+"""The same with the way from hand to object in the hand's own axes."""
 
 
 def input_vector(subtask: int, vector: ImageVector | HandVector, joints: JointAngles) -> NDArray[np.float64]:

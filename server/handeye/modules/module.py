@@ -199,10 +199,10 @@ class Module:
         calibration = model.calibration(category)
         kept = self._supports_kept.get(category)
         if kept is None or kept[0] is not calibration:
-            # Counting the demonstrations of many samples would take long, and one demonstration has not so many.
+            # Counting the demonstrations of many samples would take long, and makes no difference.
             few = model.tree(category).samples <= _FEW
-            alone = few and model.statistics()[category].groups == 1
-            kept = self._supports_kept[category] = (calibration, _support(calibration, alone=alone))
+            shown = model.statistics()[category].groups if few else _FEW
+            kept = self._supports_kept[category] = (calibration, _support(calibration, shown))
         return kept[1]
 
     def _taught(
@@ -277,7 +277,7 @@ _OWN = 1 << 40
 """A sample that came from no demonstration is a group of its own: this and its number."""
 
 _FEW = 1000  # samples
-_ALONE = 0.5  # in scaled inputs: the least that the largest distance counts as when there is one demonstration
+_ALONE = 0.5  # in scaled inputs: the least that the largest distance counts as with one demonstration
 
 
 def _groups(names: list[str], demonstrations: Sequence[str | None], numbers: Integers) -> Integers:
@@ -291,10 +291,10 @@ def _groups(names: list[str], demonstrations: Sequence[str | None], numbers: Int
     return np.array(groups, np.int64)
 
 
-def _support(calibration: Calibration, *, alone: bool) -> Support:
-    """`alone`: all samples are of one demonstration."""
-    largest = float(calibration.scores[-1])
-    return Support(median=float(np.median(calibration.scores)), largest=max(largest, _ALONE) if alone else largest)
+def _support(calibration: Calibration, shown: int) -> Support:
+    """All samples are of `shown` demonstrations."""
+    largest = max(float(calibration.scores[-1]), _ALONE / shown)
+    return Support(median=float(np.median(calibration.scores)), largest=largest)
 
 
 def warm_up() -> None:

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from handeye.camera_bridge.driver import CameraDriver, StereoPair
 from handeye.modules.declaration import ApproximatorSettings
 from handeye.modules.recognition import NotSeen
+from handeye.modules.spaces import HeadAngles
 from handeye.robot_bridge.driver import RobotState
 from handeye.rpc.errors import Busy
 from handeye.server.acting import ActingRobot, LeasedRobot
@@ -153,6 +154,7 @@ class Coordinator:
             goal=goal,
             key=key,
             object_name=object_name,
+            head=HeadAngles(sighting.pair.head.pan, sighting.pair.head.tilt),
         )
 
     def pass_by(self, demonstration_id: str, subtask: str) -> Observation:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from handeye.modules.spaces import ImagePair
+from handeye.modules.spaces import HeadAngles, ImagePair
 from handeye.robot_bridge.driver import Joints
 
 Action = Literal["close_gripper", "open_gripper"]
@@ -31,6 +31,8 @@ class Observation:
     joints: Joints
     goal: bool = False
     key: bool = False
+    head: HeadAngles | None = None
+    """Where the head pointed, as it says; None: a way-point, or recorded when this was not written down."""
     seconds: float = 0.0
     """Of a way-point: the world time that passed on the way there since the moment before, in s."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye.modules.spaces import ImagePair
+from handeye.modules.spaces import HeadAngles, ImagePair
 from handeye.server.demonstration import Action, Demonstration, Observation, Outcome
 from handeye.server.problem import Conflict, NotFound
 from handeye.server.store import Store
@@ -87,12 +87,13 @@ class Demonstrations:
         goal: bool,
         key: bool,
         object_name: str | None = None,
+        head: HeadAngles | None = None,
     ) -> Observation:
         """Adds an observation, towards the demonstration's own object for None; raises as `recordable` does."""
         with self._store.write() as connection:
             demonstration = self.recordable(demonstration_id, subtask, object_name, goal=goal)
             number, towards = len(demonstration.observations), object_name or demonstration.object
-            observation = Observation(number, subtask, towards, world_time, found, joints.copy(), goal, key)
+            observation = Observation(number, subtask, towards, world_time, found, joints.copy(), goal, key, head)
             stored.add_observation(connection, demonstration_id, observation)
             return observation
 

@@ -34,6 +34,7 @@ from handeye.server.results import LookRecord, NeighbourRecord, RunResult, Subta
 log = structlog.get_logger(__name__)
 
 _NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sample of the subtask
+_EXACT = 1e-6  # rad: no answer is taken for more exact
 
 
 class NotAligned(Conflict):
@@ -89,8 +90,8 @@ class Run:
         self._subtasks: list[SubtaskRecord] = []
         self._felt = felt
         self._last_look: tuple[ImagePair, Joints]
-        self._goals: list[Joints] = []
-        """Where the newest looks of this subtask would have the arm, each in rad."""
+        self._goals: list[tuple[Joints, float]] = []
+        """Where the newest looks of this subtask would have the arm, each in rad, and what that weighs."""
         self._grip = Grip(robot, settings)
 
     def execute(self) -> None:
@@ -119,8 +120,7 @@ class Run:
     def _attempt(self) -> None:
         last = self._skill.subtasks[-1]
         for subtask in self._skill.subtasks:
-            final = subtask is last and not _goes_on(subtask)
-            self._do(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
+            self._do(subtask, final=subtask is last and not _goes_on(subtask))
         self._robot.wait(self._settings.hold)
         self._grip.require()
 
@@ -132,13 +132,20 @@ class Run:
         self._grip.put_back()
         self._robot.adjust_joints(start - self._robot.at_rest().joints)
 
-    def _do(self, subtask: Subtask, tolerance: float) -> None:
+    def _do(self, subtask: Subtask, *, final: bool) -> None:
+        """`final`: nothing follows."""
         started = self._robot.state().world_time
         towards = self._towards(subtask)
         self._subtasks.append(SubtaskRecord(name=subtask.name, object=towards, state="running", started=started))
         self._publish("subtask")
         self._goals.clear()
-        aligned = self._align(subtask, tolerance)
+        try:
+            aligned = self._align(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
+        except NotSeen:
+            # Nothing is left but to see that it is well. What hides it does not take it out of the fingers.
+            if not (final and self._grip.holds()):
+                raise
+            aligned = False
         if subtask.way:
             self._follow(subtask)
         if subtask.action == "close_gripper":
@@ -181,19 +188,28 @@ class Run:
             raise refusal
         if self._robot.lockstep:
             self._robot.wait(self._settings.thinking)
-        way = self._goal(state.joints + turn.angles) - state.joints
+        way = self._goal(state.joints, turn.angles) - state.joints
         largest = float(np.max(np.abs(way)))
         moved = self._move(state, way) if largest > tolerance else ()
         self._record(picture, sighting, found, turn, answer, moved)
         return largest
 
-    def _goal(self, answered: Joints) -> Joints:
-        """Where the arm is to go, (joints,) rad: the mean of this subtask's answers that differ by their noise only."""
-        if self._goals and np.max(np.abs(answered - np.mean(self._goals, axis=0))) > self._settings.noise:
+    def _goal(self, joints: Joints, turn: Joints) -> Joints:
+        """Where the arm is to go, (joints,) rad: the mean of this subtask's answers that differ by their noise only.
+
+        An answer is the less exact the further it goes, beyond noise that they all have: so much less it weighs.
+        """
+        noise = self._settings.noise
+        answered = joints + turn
+        if self._goals and np.max(np.abs(answered - self._mean())) > noise:
             self._goals.clear()
-        self._goals.append(answered)
-        goal: Joints = np.mean(self._goals, axis=0)
-        return goal
+        self._goals.append((answered, max(noise + float(np.max(np.abs(turn))), _EXACT) ** -2))
+        return self._mean()
+
+    def _mean(self) -> Joints:
+        goals, weights = zip(*self._goals, strict=True)
+        mean: Joints = np.average(goals, axis=0, weights=weights)
+        return mean
 
     def _follow(self, subtask: Subtask) -> None:
         """Goes along the subtask's way without looking; where it has been sooner than was shown, it waits."""

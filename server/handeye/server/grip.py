@@ -46,9 +46,13 @@ class Grip:
                 "The gripper has closed on nothing, or what it held has slipped out of it: see where the object is."
             )
 
+    def holds(self) -> bool:
+        """Whether the gripper has closed on something that it still feels."""
+        return self._opening is not None and not self._holds_nothing(self._opening)
+
     def put_back(self) -> None:
         """Carries what is held back where it was gripped, the way that it came: there it was free; and lets go."""
-        if self._opening is not None and not self._holds_nothing(self._opening):
+        if self.holds():
             for joints in reversed(self._carried):
                 self._robot.adjust_joints(joints - self._robot.at_rest().joints)
         self._robot.open_gripper()

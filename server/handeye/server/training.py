@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from sqlalchemy import Connection
 
@@ -23,6 +22,7 @@ from handeye.rpt import NotTaught
 from handeye.server.answering import NothingTaught
 from handeye.server.demonstration import Demonstration, Subtask
 from handeye.server.livemodules import LiveModules
+from handeye.server.pairs import NotTeachable, pairs, waypoint_codes
 from handeye.server.problem import Conflict, NotFound, sentence
 from handeye.server.results import SubtaskStatistics, TrainStatistics
 from handeye.server.store import Store
@@ -47,21 +47,6 @@ class TrainRequest(BaseModel):
     was always seen with its outline, else in the picture's."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pairs:
-    """Training pairs of module IJS: inputs (n, 10), outputs (n, joints), and the demonstration of each."""
-
-    inputs: NDArray[np.float64]
-    outputs: NDArray[np.float64]
-    demonstrations: tuple[str, ...]
-
-
-class NotTeachable(Conflict):
-    """The demonstrations do not make a task."""
-
-    code = "not_teachable"
-
-
 def common_subtasks(demonstrations: Sequence[Demonstration]) -> tuple[Subtask, ...]:
     """The subtasks in order; `NotTeachable` when the demonstrations disagree about them.
 
@@ -76,48 +61,6 @@ def common_subtasks(demonstrations: Sequence[Demonstration]) -> tuple[Subtask, .
             )
     shown = zip(*(each.subtasks for each in demonstrations), strict=True)
     return tuple(replace(same[0], way=tuple(np.median([each.way for each in same], axis=0).tolist())) for same in shown)
-
-
-def waypoint_codes(order: Sequence[Subtask]) -> dict[str, range]:
-    """The action codes of each subtask's way-points; those of the goals are the subtasks' numbers, and come before."""
-    codes, following = {}, len(order)
-    for subtask in order:
-        codes[subtask.name] = range(following, following + len(subtask.way))
-        following += len(subtask.way)
-    return codes
-
-
-def pairs(
-    demonstrations: Sequence[Demonstration], order: Sequence[Subtask], css: Module | None = None, *, key_only: bool
-) -> Pairs:
-    """Every look towards its subtask's goal and way-points in the same demonstration.
-
-    Input: (action code, vector hand -> object, joints); output: joints there - joints of the look. The vector is in the
-    hand's own axes when `css` is given. The code of a goal is the subtask's number, those of way-points are
-    `waypoint_codes`. With `key_only` only the looks marked as the thesis's bare pairs.
-    """
-    numbers = {subtask.name: number for number, subtask in enumerate(order)}
-    codes = waypoint_codes(order)
-    inputs, outputs, sources = [], [], []
-    for demonstration in demonstrations:
-        ends = {
-            name: [(numbers[name], demonstration.goal(name)), *zip(codes[name], demonstration.way(name), strict=True)]
-            for name in numbers
-        }
-        for look in demonstration.observations:
-            if look.found is None or (key_only and not look.key):
-                continue
-            action = pipeline.specify_action(look.found, css)
-            for code, end in ends[look.subtask]:
-                if end is None:  # finished demonstrations have all their goals
-                    continue
-                inputs.append(ijs.input_vector(code, action, JointAngles(look.joints)))
-                outputs.append(end.joints - look.joints)
-                sources.append(demonstration.id)
-    if without := set(numbers.values()) - {int(row[0]) for row in inputs}:
-        names = ", ".join(f"'{order[number].name}'" for number in sorted(without))
-        raise NotTeachable(f'There is no pair to train {names} from: no observation there is marked with "key".')
-    return Pairs(np.array(inputs), np.array(outputs), tuple(sources))
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +117,7 @@ class Tasks:
         css = self._css_for(shown) if frame == "hand" else None
         taught = pairs(shown, subtasks, css, key_only=request.pairs == "key")
         module_name = f"IJS.{name}"
-        declaration = declare(frame, request.approximator, len(shown)).model_copy(update={"name": module_name})
+        declaration = declare(frame, request.approximator).model_copy(update={"name": module_name})
         content = {
             "frame": frame,
             "subtasks": [asdict(subtask) for subtask in subtasks],
@@ -263,14 +206,9 @@ class Tasks:
             )
 
 
-def declare(
-    frame: Frame, approximator: Method | ApproximatorSettings | None, demonstrations: int = 1
-) -> ModuleDeclaration:
-    """Module IJS with this approximator; a method by name comes with the settings that suit IJS.
-
-    None: as suits so many demonstrations.
-    """
-    declaration = ijs.in_hand(demonstrations) if frame == "hand" else ijs.DECLARATION
+def declare(frame: Frame, approximator: Method | ApproximatorSettings | None) -> ModuleDeclaration:
+    """Module IJS with this approximator; a method by name comes with the settings that suit IJS."""
+    declaration = ijs.IN_HAND if frame == "hand" else ijs.DECLARATION
     if approximator is None:
         return declaration
     if isinstance(approximator, str):

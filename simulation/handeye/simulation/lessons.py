@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from handeye.simulation import grasping, kinematics, pouring
 from handeye.simulation.objects import JAR, STAND, ObjectSpec
 from handeye.simulation.places import Area, Place, Purpose, draw, draw_in
-from handeye.simulation.scatter import Scatter
+from handeye.simulation.scatter import Elsewhere, Scatter
 from handeye.simulation.scene import WorldState
 
 Array = NDArray[np.float64]
@@ -26,6 +26,8 @@ JARS_AREA = Area((0.53, 0.16), 0.18)
 """Where a task with two objects has them: both cameras see both areas whole, and the hand has room between them."""
 
 AROUND_APPROACH = Scatter(count=10, x=0.03, y=0.03, backward=0.03, forward=0.03, angle=np.radians(3.0))
+BEFORE_APPROACH = Elsewhere(count=12, aside=0.15, along=0.15, above=0.12)
+"""So one showing also tells how the hand is to go where the object stands elsewhere."""
 AROUND_GRASP = Scatter(count=10, x=0.015, y=0.008, backward=0.04, forward=0.0, angle=np.radians(2.0))
 """Around the grasp the cup stands between the fingers: no motion may touch it."""
 AROUND_HELD = Scatter(count=8, x=0.02, y=0.02, backward=0.02, forward=0.02, angle=np.radians(3.0))
@@ -48,6 +50,8 @@ class Move:
     """The object that it is towards; None: the first one."""
     way: tuple[Array | float, ...] = ()
     """What follows without looking: joints (6,), rad, to go to, or s to wait."""
+    elsewhere: Elsewhere | None = None
+    """Where else the hand is led from the goal, to be looked at there, before it comes back."""
     action: Literal["close_gripper", "open_gripper"] | None = None
 
 
@@ -130,7 +134,7 @@ def _chain(world: WorldState, spec: ObjectSpec) -> dict[str, Array]:
 
 def _taking(chain: dict[str, Array], looks: int) -> tuple[Move, ...]:
     return (
-        Move("approach", chain["approach"], looks, AROUND_APPROACH),
+        Move("approach", chain["approach"], looks, AROUND_APPROACH, elsewhere=BEFORE_APPROACH),
         Move("grasp", chain["grasp"], 2, AROUND_GRASP, action="close_gripper"),
     )
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from handeye.rpc.errors import Unreachable
+from handeye.simulation import grasping, kinematics
+
 Array = NDArray[np.float64]
 
 
@@ -43,6 +46,43 @@ class Scatter:
         if self.above:
             moved[2, 3] = pose[2, 3] + abs(moved[2, 3] - pose[2, 3])
         return moved
+
+
+@dataclass(frozen=True, slots=True)
+class Elsewhere:
+    """Places around a posture to which the hand is led, held at each as it would grasp there.
+
+    ± m aside and along the approach over the table: half of the places lie before the posture, at its height; half
+    beyond it, where the object stands, and so many m higher.
+    """
+
+    count: int
+    aside: float
+    along: float
+    above: float
+
+    def draw(self, joints: Array, random: np.random.Generator) -> list[Array]:
+        """Joints (6,), rad, around those of a posture, of places that the arm reaches: `count` of them at most, and up
+        and down straight above the posture."""
+        before = [self._place(joints, -1.0, random) for _ in range(self.count // 2)]
+        beyond = [self._place(joints, 1.0, random) for _ in range(self.count - self.count // 2)]
+        above = self._solved(joints, np.zeros(2), self.above)
+        return [place for place in (*before, above, *beyond, above) if place is not None]
+
+    def _place(self, joints: Array, sign: float, random: np.random.Generator) -> Array | None:
+        off = random.uniform([0.0, -self.aside], [self.along, self.aside]) * (sign, 1.0)
+        return self._solved(joints, off, self.above if sign > 0.0 else 0.0)
+
+    def _solved(self, joints: Array, off: Array, higher: float) -> Array | None:
+        """So many m (along, aside) over the table, and higher; None where the arm does not reach."""
+        pose = kinematics.forward(joints)
+        forward = pose[:2, 2] / np.linalg.norm(pose[:2, 2])
+        left = np.array([-forward[1], forward[0]])
+        try:
+            over = pose[:2, 3] + off[0] * forward + off[1] * left
+            return grasping.solve(grasping.grasp_pose(over, float(pose[2, 3]) + higher))
+        except Unreachable:
+            return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye.client import Client
+from handeye.client import ApiError, Client
 from handeye.robot_bridge.driver import Pace, Watch
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc.errors import DeadlineExceeded, Unreachable
@@ -99,7 +99,7 @@ class Teacher:
         return replace(move, goal=near(self._clumsiness.off(kinematics.forward(move.goal), random), move.goal))
 
     def _show(self, recorder: _Recorder, move: Move, random: np.random.Generator) -> None:
-        """From where the arm is to the goal: looks at the start, on the way, at the goal, and scattered around it."""
+        """From where the arm is to the goal: looks at the start, on the way, at the goal, around it, elsewhere."""
         start = self._robot.state().joints
         recorder.look(move, key=True)
         for share in np.linspace(0.0, 1.0, move.looks + 2)[1:-1]:
@@ -111,6 +111,11 @@ class Teacher:
             for pose in move.scatter.draw(kinematics.forward(move.goal), random):
                 self._move(near(pose, move.goal))
                 recorder.look(move)
+            self._move(move.goal)
+        if move.elsewhere is not None:
+            for joints in move.elsewhere.draw(move.goal, random):
+                self._move(joints)
+                recorder.look_if_seen(move)
             self._move(move.goal)
         if move.way:
             recorder.look(move)  # the way's time counts from here
@@ -161,6 +166,14 @@ class _Recorder:
         self._settle()
         self._client.observe(self._demonstration, move.subtask, object_name=move.towards, goal=goal, key=key)
         self._on_look()
+
+    def look_if_seen(self, move: Move) -> None:
+        """Where the hand is too far aside to be seen whole there is nothing to record."""
+        try:
+            self.look(move)
+        except ApiError as error:
+            if error.code != "not_seen":
+                raise
 
     def pass_by(self, move: Move) -> None:
         self._client.add_waypoint(self._demonstration, move.subtask)

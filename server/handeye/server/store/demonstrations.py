@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from sqlalchemy import Connection, delete, func, select
 
-from handeye.modules.spaces import HandPoint, ImagePair, ImagePoint
+from handeye.modules.spaces import HandPoint, HeadAngles, ImagePair, ImagePoint
 from handeye.server.demonstration import Demonstration, Observation
 from handeye.server.store import counters
 from handeye.server.store.rows import add, change, dumps, loads, now
@@ -67,6 +67,7 @@ def add_observation(connection: Connection, name: str, observation: Observation)
             "joints": observation.joints.tolist(),
             "goal": observation.goal,
             "key": observation.key,
+            "head": observation.head.array().tolist() if observation.head else None,
             "seconds": observation.seconds,
         }
     )
@@ -144,5 +145,6 @@ def _observation(row: Mapping[str, Any], object_name: str) -> Observation:
         joints=np.array(content["joints"], np.float64),
         goal=content["goal"],
         key=content["key"],
+        head=HeadAngles(*content["head"]) if content.get("head") else None,
         seconds=content.get("seconds", 0.0),
     )
