@@ -43,7 +43,7 @@ class ActingSettings(BaseModel):
     error could spoil."""
     noise: float = Field(default=0.012, ge=0.0)
     """Answers of one subtask that would have no joint elsewhere by more than this, in rad, are taken for one goal that
-    was seen several times: the arm goes to their mean."""
+    was seen several times: the arm goes to their mean. The further an answer goes beyond this, the less it weighs."""
     acceptable: float = Field(default=0.006, gt=0.0)
     """When the looks have run out, way and gripper still follow if no joint of the last answer was larger, in rad: then
     it is noise that keeps the answers above the tolerance, and looking longer would not help."""

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
 
 from handeye.simulation.scene import STEP
 
-_STILL_SPEED = 2e-3  # rad/s
+_STILL_SPEED = 2e-3  # rad/s, on average over so many steps: what is gripped may make a joint twitch
 _STILL_STEPS = 6
 _SETTLE_LIMIT = 480  # steps after which a motion is over, though something keeps the arm from standing still
 
@@ -16,6 +20,7 @@ class Stillness:
 
     def __init__(self) -> None:
         self._still = _STILL_STEPS
+        self._joints: deque[NDArray[np.float64]] = deque(maxlen=_STILL_STEPS + 1)
         self._unled = 0
         self._busy = False
 
@@ -28,8 +33,11 @@ class Stillness:
         """A motion begins."""
         self._busy, self._still, self._unled = True, 0, 0
 
-    def observe(self, *, led: bool, speed: float) -> None:
-        """Takes note of a physics step: whether a controller leads the arm, and its greatest joint speed, rad/s."""
+    def observe(self, joints: NDArray[np.float64], *, led: bool) -> None:
+        """Takes note of a physics step: where the joints (6,) are, in rad, and whether a controller leads the arm."""
+        self._joints.append(joints)
+        passed = max(len(self._joints) - 1, 1) * STEP
+        speed = float(np.max(np.abs(joints - self._joints[0]))) / passed
         self._unled = 0 if led else self._unled + 1
         self._still = 0 if led or speed > _STILL_SPEED else self._still + 1
         if self._still >= _STILL_STEPS or self._unled >= _SETTLE_LIMIT:

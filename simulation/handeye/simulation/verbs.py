@@ -130,8 +130,8 @@ def register(app: typer.Typer) -> None:
 
         console = Console(stderr=True)
         with signals_unwind():
-            outcome = site.run(EVALUATIONS[what.value], seed or [1], trials, clock, console)
-        outcome.write(report)
+            for outcome in site.run(EVALUATIONS[what.value], seed or [1], trials, clock, console):
+                outcome.write(report)  # after each seed: one that fails takes nothing with it
         Console().print(outcome.table())
         console.print(f"report: {report / f'{what.value}.html'}, {what.value}.json  ({outcome.seconds:.0f} s)")
 

@@ -408,19 +408,18 @@ class World:
 
     def _observe(self) -> None:
         """Reads the joints and judges whether arm and gripper stand still."""
-        speed, finger_speed = self._read_joints()
-        self._gripper.observe(finger_speed)
+        self._gripper.observe(self._read_joints())
         led = self._arm.motion is not None or not self._gripper.settled
-        self._stillness.observe(led=led, speed=speed)
+        self._stillness.observe(self._joints, led=led)
 
-    def _read_joints(self) -> tuple[float, float]:
-        """Takes the positions; returns the greatest speed of the arm's joints (rad/s) and of the fingers (m/s)."""
+    def _read_joints(self) -> float:
+        """Takes the positions; returns the greatest speed of the fingers, in m/s."""
         states = pybullet.getJointStates(
             self._stage.robot, (*ARM_JOINTS, FINGER_1, FINGER_2), physicsClientId=self._client
         )
         self._joints: Array = np.array([state[0] for state in states[:6]])
         self._fingers: Array = np.array([state[0] for state in states[6:]])
-        return max(abs(state[1]) for state in states[:6]), max(abs(state[1]) for state in states[6:])
+        return float(max(abs(state[1]) for state in states[6:]))
 
     def _row(self) -> Row:
         """Joints, fingers, objects and liquid as they are."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,26 +73,28 @@ class Evaluation:
     """The one clock with which it means something; None: any."""
 
 
-def run(evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock, console: Console) -> Outcome:
-    """Measures for each seed on a stack of its own, and pools the trials."""
+def run(
+    evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock, console: Console
+) -> Iterator[Outcome]:
+    """Measures for each seed on a stack of its own; after each of them, what the trials so far amount to."""
     started = time.monotonic()
     told: list[Trial] = []
     pictures: list[Picture] = []
-    for seed in seeds:
+    for number, seed in enumerate(seeds, start=1):
         told += [
             {"seed": seed, **trial}
             for trial in _measured(evaluation, seed, trials, evaluation.clock or clock, console, pictures)
         ]
-    return Outcome(
-        evaluation.name,
-        evaluation.title,
-        tuple(seeds),
-        evaluation.figures(told),
-        tuple(told),
-        evaluation.histograms(told),
-        tuple(pictures),
-        time.monotonic() - started,
-    )
+        yield Outcome(
+            evaluation.name,
+            evaluation.title,
+            tuple(seeds[:number]),
+            evaluation.figures(told),
+            tuple(told),
+            evaluation.histograms(told),
+            tuple(pictures),
+            time.monotonic() - started,
+        )
 
 
 def _measured(
