@@ -73,9 +73,7 @@ class Evaluation:
     """The one clock with which it means something; None: any."""
 
 
-def run(
-    evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock, console: Console
-) -> Iterator[Outcome]:
+def run(evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock, console: Console) -> Iterator[Outcome]:
     """Measures for each seed on a stack of its own; after each of them, what the trials so far amount to."""
     started = time.monotonic()
     told: list[Trial] = []
