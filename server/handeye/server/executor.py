@@ -24,6 +24,7 @@ from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegi
 from handeye.server.demonstration import Subtask
 from handeye.server.eyes import Eyes, Sighting
 from handeye.server.felt import FeltHand
+from handeye.server.goals import Goals
 from handeye.server.grip import Grip, LostGrip
 from handeye.server.jobs import Job
 from handeye.server.looking import Looker
@@ -34,7 +35,6 @@ from handeye.server.results import LookRecord, NeighbourRecord, RunResult, Subta
 log = structlog.get_logger(__name__)
 
 _NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sample of the subtask
-_EXACT = 1e-6  # rad: no answer is taken for more exact
 
 
 class NotAligned(Conflict):
@@ -90,8 +90,7 @@ class Run:
         self._subtasks: list[SubtaskRecord] = []
         self._felt = felt
         self._last_look: tuple[ImagePair, Joints]
-        self._goals: list[tuple[Joints, float]] = []
-        """Where the newest looks of this subtask would have the arm, each in rad, and what that weighs."""
+        self._goals = Goals(settings.noise)
         self._grip = Grip(robot, settings)
 
     def execute(self) -> None:
@@ -138,7 +137,7 @@ class Run:
         towards = self._towards(subtask)
         self._subtasks.append(SubtaskRecord(name=subtask.name, object=towards, state="running", started=started))
         self._publish("subtask")
-        self._goals.clear()
+        self._goals.forget()
         try:
             aligned = self._align(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
         except NotSeen:
@@ -188,28 +187,11 @@ class Run:
             raise refusal
         if self._robot.lockstep:
             self._robot.wait(self._settings.thinking)
-        way = self._goal(state.joints, turn.angles) - state.joints
+        way = self._goals.mean(state.joints, turn.angles) - state.joints
         largest = float(np.max(np.abs(way)))
         moved = self._move(state, way) if largest > tolerance else ()
         self._record(picture, sighting, found, turn, answer, moved)
         return largest
-
-    def _goal(self, joints: Joints, turn: Joints) -> Joints:
-        """Where the arm is to go, (joints,) rad: the mean of this subtask's answers that differ by their noise only.
-
-        An answer is the less exact the further it goes, beyond noise that they all have: so much less it weighs.
-        """
-        noise = self._settings.noise
-        answered = joints + turn
-        if self._goals and np.max(np.abs(answered - self._mean())) > noise:
-            self._goals.clear()
-        self._goals.append((answered, max(noise + float(np.max(np.abs(turn))), _EXACT) ** -2))
-        return self._mean()
-
-    def _mean(self) -> Joints:
-        goals, weights = zip(*self._goals, strict=True)
-        mean: Joints = np.average(goals, axis=0, weights=weights)
-        return mean
 
     def _follow(self, subtask: Subtask) -> None:
         """Goes along the subtask's way without looking; where it has been sooner than was shown, it waits."""
