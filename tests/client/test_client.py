@@ -76,20 +76,10 @@ def test_what_a_job_left_behind_has_its_type() -> None:
 
 
 def test_a_failed_job_tells_which_subtask_and_why() -> None:
+    """That of the last attempt: the task may have begun again."""
     failed = job("failed", error={"code": "not_seen", "message": "the hand is hidden"})
-    failed["result"] = {
-        "subtasks": [
-            {
-                "name": "approach",
-                "state": "failed",
-                "started": 0.0,
-                "ended": None,
-                "aligned": False,
-                "action": None,
-                "looks": [],
-            }
-        ]
-    }
+    tried = {"started": 0.0, "ended": None, "aligned": False, "action": None, "looks": []}
+    failed["result"] = {"subtasks": [{"name": name, "state": "failed", **tried} for name in ("hold", "approach")]}
     with pytest.raises(JobFailed, match=r"Task 'grasp' failed in subtask 'approach': the hand is hidden"):
         Job.model_validate(failed).raise_for_failure()
 

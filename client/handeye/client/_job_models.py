@@ -265,7 +265,7 @@ class RunJob(Job):
         return {"subtasks": ()} if value is None else value
 
     def _how_it_ended(self) -> str:
-        where = next((f" in subtask '{s.name}'" for s in self.result.subtasks if s.state == "failed"), "")
+        where = next((f" in subtask '{s.name}'" for s in reversed(self.result.subtasks) if s.state == "failed"), "")
         return super()._how_it_ended() + where
 
 
