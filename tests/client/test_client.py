@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import pytest
@@ -78,7 +79,7 @@ def test_what_a_job_left_behind_has_its_type() -> None:
 def test_a_failed_job_tells_which_subtask_and_why() -> None:
     """That of the last attempt: the task may have begun again."""
     failed = job("failed", error={"code": "not_seen", "message": "the hand is hidden"})
-    tried = {"started": 0.0, "ended": None, "aligned": False, "action": None, "looks": []}
+    tried: dict[str, Any] = {"started": 0.0, "ended": None, "aligned": False, "action": None, "looks": []}
     failed["result"] = {"subtasks": [{"name": name, "state": "failed", **tried} for name in ("hold", "approach")]}
     with pytest.raises(JobFailed, match=r"Task 'grasp' failed in subtask 'approach': the hand is hidden"):
         Job.model_validate(failed).raise_for_failure()

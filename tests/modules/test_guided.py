@@ -236,6 +236,21 @@ def test_a_guide_keeps_so_many_pictures_and_asks_for_time_ever_less_often() -> N
     assert guide.guess(random.integers(0, 255, (6, 8), dtype=np.uint8)) is not None
 
 
+@pytest.mark.parametrize(
+    ("off", "trusted", "due"), [(0.0, True, False), (15.0, True, False), (25.0, True, True), (0.0, False, True)]
+)
+def test_what_is_found_where_it_was_expected_is_nothing_new(off: float, trusted: bool, due: bool) -> None:
+    guide = Guide((240, 320, 3), Imagination(1, 1 / 16))
+    picture = np.arange(48, dtype=np.uint8).reshape(6, 8)
+    for number in range(24):
+        guide.teach(picture, 100.0 + number, 150.0, number)
+    guide.rebuild()
+    assert not guide.due
+    for number in range(12):
+        guide.teach(picture, 100.0, 150.0, number, Guess(100.0, 150.0 + off, 0.5, trusted=trusted))
+    assert guide.due is due
+
+
 def test_reduced_pictures_have_forty_cells() -> None:
     assert reduced(np.zeros((480, 640, 3), np.uint8)).shape == (30, 40, 3)
     assert reduced(np.zeros((333, 500, 3), np.uint8)).shape == (27, 40, 3)

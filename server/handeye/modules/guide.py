@@ -1,7 +1,8 @@
 """The guide: an MDF tree that says from a strongly reduced picture roughly where something is (thesis 4.2.7).
 
 It only says where to search first. It learns from what detection itself found, never from truth, and what it knows is a
-cache: it is kept in memory, rebuilt from the last pictures now and then, and after a restart learned anew by looking.
+cache: it is kept in memory, rebuilt from the last pictures when enough of them have surprised it, and after a restart
+learned anew by looking.
 
 A taught picture also teaches what it would be if the head were turned a little: it is shifted, and the place with it.
 """
@@ -26,7 +27,8 @@ _LONGER_SIDE = 40  # cells of a reduced picture: 16 × 16 px each of 640 × 480
 _SETTINGS = MDFSettings(cells=20)
 _KEPT = 320  # pictures; a new one takes the place of any: what was long ago fades, and does not end at once
 _LEAST = 24  # pictures from which a first tree is made
-_GROWTH = 1.5  # a tree is made anew when so many times the pictures have been seen that it was made of
+_GROWTH = 1.5  # a tree is made anew when so many times the pictures that it was made of have been seen and surprised
+_SURPRISING = 1 / 16  # of the width: a thing found farther than this from where it was expected is a surprise
 _LOW_SUPPORT = 0.005  # all but one in 200 of the taught pictures were more like the others
 _LEAST_CONTRAST = 0.5  # of the flattest taught picture's: the tree itself stretches every picture to full contrast
 
@@ -79,7 +81,7 @@ class Guide:
         self._imagination = imagination
         self._taught: list[_Taught] = []
         self._random = np.random.default_rng(0)
-        self._seen = 0
+        self._surprises = 0
         self._due_at = float(_LEAST)
         self._built: _Built | None = None
         self._lock = threading.Lock()
@@ -97,24 +99,32 @@ class Guide:
         least = max(_LOW_SUPPORT, 1 / (len(built.tree.outputs) + 1))
         return Guess(row, column, support, trusted=support > least)
 
-    def teach(self, picture: GreyPicture, row: float, column: float, scene: int) -> None:
-        """The thing was found at (row, column), px of the whole picture. `scene`: pictures of one are alike."""
+    def teach(self, picture: GreyPicture, row: float, column: float, scene: int, expected: Guess | None = None) -> None:
+        """The thing was found at (row, column), px of the whole picture, and `expected` had been guessed.
+
+        `scene`: pictures of one are alike.
+        """
+        surprising = (
+            expected is None
+            or not expected.trusted
+            or max(abs(row - expected.row), abs(column - expected.column)) > _SURPRISING * self._shape[1]
+        )
         with self._lock:
             if len(self._taught) == _KEPT:
                 self._taught.pop(int(self._random.integers(_KEPT)))
             self._taught.append(_Taught(picture, row, column, scene))
-            self._seen += 1
+            self._surprises += surprising
 
     @property
     def due(self) -> bool:
-        """Whether enough has been seen that a new tree is worth its time."""
-        return self._seen >= self._due_at
+        """Whether enough has surprised that a new tree is worth its time."""
+        return self._surprises >= self._due_at
 
     def rebuild(self) -> None:
         """Makes a new tree of the pictures that are kept; takes about a second. Guesses go on meanwhile."""
         with self._lock:
             taught = tuple(self._taught)
-            self._due_at = self._seen + (_GROWTH - 1) * len(taught)
+            self._due_at = self._surprises + (_GROWTH - 1) * len(taught)
         self._built = _Built(self._grow(taught), min(float(each.picture.std()) for each in taught))
 
     def _grow(self, taught: tuple[_Taught, ...]) -> MDFTree:

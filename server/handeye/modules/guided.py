@@ -51,6 +51,15 @@ class Guesses(NamedTuple):
         return self.left.trusted and self.right.trusted and self.agree
 
 
+class _Find(NamedTuple):
+    """A point that was found, the confidence, what the guides see of the pictures, and what they had guessed."""
+
+    point: ImagePoint
+    confidence: float
+    views: _Views
+    guesses: Guesses | None
+
+
 class GuidedRecogniser:
     """Finds what a `Recogniser` finds, sooner. May be used by several threads.
 
@@ -79,12 +88,11 @@ class GuidedRecogniser:
     def see(self, left: Image, right: Image, name: str) -> ImagePair:
         """As `Recogniser.see`."""
         self._recogniser.model(name)
-        hand, hand_confidence, hand_views = self._find(left, right, None)
-        found, object_confidence, object_views = self._find(left, right, name)
-        scene = self._scene(name, found)
-        self._teach(None, left.shape, hand_views, hand, scene)
-        self._teach(name, left.shape, object_views, found, scene)
-        return ImagePair(found, hand, object_confidence, hand_confidence)
+        hand, thing = self._find(left, right, None), self._find(left, right, name)
+        scene = self._scene(name, thing.point)
+        self._teach(None, left.shape, hand, scene)
+        self._teach(name, left.shape, thing, scene)
+        return ImagePair(thing.point, hand.point, thing.confidence, hand.confidence)
 
     def see_object(self, left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
         """As `Recogniser.see_object`."""
@@ -121,14 +129,14 @@ class GuidedRecogniser:
             self._disparities.pop(name, None)
 
     def _see_one(self, left: Image, right: Image, name: str | None) -> tuple[ImagePoint, float]:
-        found, confidence, views = self._find(left, right, name)
-        self._teach(name, left.shape, views, found, self._scene(name, found))
-        return found, confidence
+        find = self._find(left, right, name)
+        self._teach(name, left.shape, find, self._scene(name, find.point))
+        return find.point, find.confidence
 
-    def _find(self, left: Image, right: Image, name: str | None) -> tuple[ImagePoint, float, _Views]:
+    def _find(self, left: Image, right: Image, name: str | None) -> _Find:
         """Searches where the guides say, then in ever larger parts; raises as `Recogniser.see_object` does."""
         if left.shape != right.shape:
-            return *self._search(left, right, name, None), self._views(left, right, name)  # which refuses it
+            self._search(left, right, name, None)  # refuses it
         views = self._views(left, right, name)
         guesses = self._guesses(name, left.shape, views)
         if guesses is not None and guesses.trusted:
@@ -137,10 +145,10 @@ class GuidedRecogniser:
                 if windows is None:
                     continue
                 try:
-                    return *self._search(left, right, name, windows), views
+                    return _Find(*self._search(left, right, name, windows), views, guesses)
                 except NotSeen:
                     continue
-        return *self._search(left, right, name, None), views
+        return _Find(*self._search(left, right, name, None), views, guesses)
 
     def _search(self, left: Image, right: Image, name: str | None, windows: Windows | None) -> tuple[ImagePoint, float]:
         if name is None:
@@ -175,18 +183,20 @@ class GuidedRecogniser:
                 self._scenes[name] = number, first
             return number
 
-    def _teach(self, name: str | None, shape: tuple[int, ...], views: _Views, found: ImagePoint, scene: int) -> None:
+    def _teach(self, name: str | None, shape: tuple[int, ...], find: _Find, scene: int) -> None:
+        found = find.point
         with self._lock:
             least, greatest = self._disparities.get(name, (found.disparity, found.disparity))
             self._disparities[name] = min(least, found.disparity), max(greatest, found.disparity)
         columns = found.column, found.column - found.disparity
-        for side, view, column in zip(SIDES, views, columns, strict=True):
+        expected = (None, None) if find.guesses is None else find.guesses[:2]
+        for side, view, column, guess in zip(SIDES, find.views, columns, expected, strict=True):
             with self._lock:
                 key = name, side, shape
                 if key not in self._guides:
                     self._guides[key] = Guide(shape, _OF_HAND if name is None else _OF_OBJECT)
                 guide = self._guides[key]
-            guide.teach(view, found.row, column, scene)
+            guide.teach(view, found.row, column, scene, guess)
 
 
 def _windows(guesses: Guesses, reach: float, shape: tuple[int, ...]) -> Windows | None:
