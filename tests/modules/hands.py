@@ -29,7 +29,7 @@ def seen(points: Array) -> Array:
 def metric_css() -> Module:
     """Module CSS as many grids would have taught it."""
     module = Module(css.DECLARATION)
-    steps = [np.linspace(-0.3, 0.3, 12), np.linspace(-0.3, 0.3, 12), np.linspace(0.7, 1.3, 12)]
+    steps = [np.linspace(-0.3, 0.3, 18), np.linspace(-0.3, 0.3, 18), np.linspace(0.7, 1.3, 18)]
     points = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 3)
     module.learn(seen(points), points, ["grid"] * len(points))
     return module

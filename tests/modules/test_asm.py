@@ -27,7 +27,7 @@ def test_the_way_is_the_same_everywhere(
     stereo: Module, rotation: tuple[float, float, float], place: tuple[float, float, float]
 ) -> None:
     found = look(np.array(place), turned(rotation) @ FACING)
-    assert asm.in_hand(stereo, found).array() == pytest.approx(WAY, abs=1.5e-3)
+    assert asm.in_hand(stereo, found).array() == pytest.approx(WAY, abs=1e-3)
 
 
 def test_in_the_picture_it_is_not(stereo: Module) -> None:

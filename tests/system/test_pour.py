@@ -66,6 +66,8 @@ def test_it_is_shown_twice_then_the_robot_pours_what_was_never_in_the_cup_before
         poured = job.result.subtasks[3]
         assert poured.object == JAR.name
         assert len(poured.way) == 6
-        named = {n.demonstration for n in poured.way[0].neighbours}
-        assert named
-        assert named <= {"tea-1", "tea-2"}  # the nearest ones: it stands where the first one was
+        parts = job.result.subtasks
+        looked = {n.demonstration for part in parts for look in part.looks for n in look.neighbours}
+        followed = {n.demonstration for part in parts for passed in part.way for n in passed.neighbours}
+        assert looked | followed == {"tea-1", "tea-2"}
+        assert {n.demonstration for n in poured.way[0].neighbours} <= {"tea-1", "tea-2"}

@@ -28,7 +28,8 @@ _SETTINGS = MDFSettings(cells=20)
 _KEPT = 320  # pictures; a new one takes the place of any: what was long ago fades, and does not end at once
 _LEAST = 24  # pictures from which a first tree is made
 _GROWTH = 1.5  # a tree is made anew when so many times the pictures that it was made of have been seen and surprised
-_SURPRISING = 1 / 16  # of the width: a thing found farther than this from where it was expected is a surprise
+NARROW = 1 / 16
+"""What is found farther than this from where it was expected, as a share of the picture's width, is a surprise."""
 _LOW_SUPPORT = 0.005  # all but one in 200 of the taught pictures were more like the others
 _LEAST_CONTRAST = 0.5  # of the flattest taught picture's: the tree itself stretches every picture to full contrast
 
@@ -107,7 +108,7 @@ class Guide:
         surprising = (
             expected is None
             or not expected.trusted
-            or max(abs(row - expected.row), abs(column - expected.column)) > _SURPRISING * self._shape[1]
+            or max(abs(row - expected.row), abs(column - expected.column)) > NARROW * self._shape[1]
         )
         with self._lock:
             if len(self._taught) == _KEPT:

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
-from handeye.modules.guide import GreyPicture, Guess, Guide, Imagination, reduced
+from handeye.modules.guide import NARROW, GreyPicture, Guess, Guide, Imagination, reduced
 from handeye.modules.object_model import ObjectModel
 from handeye.modules.recognition import NotSeen, Recogniser, Windows
 from handeye.modules.spaces import ImagePair, ImagePoint
@@ -24,7 +24,7 @@ from handeye.modules.window import Image, Window
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")
 
-REACHES = (1 / 16, 5 / 32)
+REACHES = (NARROW, 5 / 32)
 """The windows reach so far from the guess, as shares of the picture's width: 40 and 100 px of 640."""
 
 _ROWS_AGREE = 0.07  # of the width: guesses in left and right picture whose rows are farther apart are not one point

@@ -63,10 +63,11 @@ def pairs(
     stood as it has to, at a goal, for where the hand was in some other look, then that would have been the goal.
     """
     numbers = {subtask.name: number for number, subtask in enumerate(order)}
+    codes = waypoint_codes(order)
     found: list[tuple[str, _Pair]] = []
     for demonstration in demonstrations:
         seen = _metric(demonstration, css)
-        found += [(demonstration.id, pair) for pair in _shown(demonstration, numbers, order, seen, key_only=key_only)]
+        found += [(demonstration.id, pair) for pair in _shown(demonstration, numbers, codes, seen, key_only=key_only)]
         if not key_only:
             partners = -(-_PARTNERS // len(demonstrations))
             found += [(demonstration.id, pair) for pair in _implied(demonstration, numbers, seen, partners)]
@@ -90,12 +91,11 @@ def _metric(demonstration: Demonstration, css: Module | None) -> dict[int, asm.M
 def _shown(
     demonstration: Demonstration,
     numbers: dict[str, int],
-    order: Sequence[Subtask],
+    codes: dict[str, range],
     seen: dict[int, asm.Metric],
     *,
     key_only: bool,
 ) -> Iterator[_Pair]:
-    codes = waypoint_codes(order)
     ends = {
         name: [(numbers[name], demonstration.goal(name)), *zip(codes[name], demonstration.way(name), strict=True)]
         for name in numbers

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from handeye.cli import CliError
 from handeye.client import Client, TimedOut
-from handeye.client.models import Job, JobEvent, OnEvent
+from handeye.client.models import Job, OnEvent
 from handeye.simulation.conditions import ORDINARY, Conditions
 from handeye.simulation.lab import LabClient
 from handeye.simulation.objects import ObjectSpec
@@ -28,10 +28,6 @@ class Judged:
     trial: Trial
     job: Job
     track: Track
-
-
-def _ignore(_event: JobEvent) -> None:
-    """Nothing is done about what happens."""
 
 
 class Trials:
@@ -94,7 +90,7 @@ class Trials:
         return job
 
 
-def to_its_end(client: Client, started: Job, timeout: float, on_event: OnEvent = _ignore) -> Job:
+def to_its_end(client: Client, started: Job, timeout: float, on_event: OnEvent = lambda _event: None) -> Job:
     """A job that has ended; it is cancelled when it has not after `timeout` s."""
     try:
         return client.follow(started.id, timeout, on_event)
