@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rich.console import Console
 
 from handeye.cli.progress import progress
@@ -60,8 +61,11 @@ class Listener(Client):
         object_name: str | None = None,
         goal: bool = False,
         key: bool = False,
+        object_at: ArrayLike | None = None,
     ) -> Observation:
-        observation = super().observe(demonstration_id, subtask, object_name=object_name, goal=goal, key=key)
+        observation = super().observe(
+            demonstration_id, subtask, object_name=object_name, goal=goal, key=key, object_at=object_at
+        )
         number = self._numbers.setdefault(demonstration_id, len(self._numbers))
         self.looks.append(Look(number, observation))
         return observation

@@ -83,7 +83,9 @@ class StillRobot:
         """Always the same."""
         return self._state
 
-    def adjust_joints(self, delta: Joints, pace: Pace = FULL, watch: Watch = unwatched) -> RobotState:
+    def adjust_joints(
+        self, delta: Joints, pace: Pace = FULL, watch: Watch = unwatched, least_opening: float = 0.0
+    ) -> RobotState:
         """Done."""
         return self._state
 

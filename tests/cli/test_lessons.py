@@ -53,15 +53,17 @@ def test_every_posture_and_small_motion_can_be_reached(
     random = np.random.default_rng(seed)
     before = grasping.PARK
     for move in lesson.plan(standing(lesson, corner)):
-        joints = [move.goal, *(each for each in move.way if not isinstance(each, float))]
+        goal = move.goal
+        assert goal is not None
+        joints = [goal, *(each for each in move.way if not isinstance(each, float))]
         if move.scatter is not None:
-            joints += [near(pose, move.goal) for pose in move.scatter.draw(kinematics.forward(move.goal), random)]
+            joints += [near(pose, goal) for pose in move.scatter.draw(kinematics.forward(goal), random)]
         for each in joints:
             assert np.all((each >= puma.LOWER) & (each <= puma.UPPER))
         # One branch: no joint but the last turns far, which a straight motion would sweep through things.
-        assert np.abs(move.goal - before)[1:5].max() < 1.6
-        assert np.abs(np.array(joints) - move.goal)[:, :5].max() < 0.7
-        before = joints[-1] if move.way else move.goal
+        assert np.abs(goal - before)[1:5].max() < 1.6
+        assert np.abs(np.array(joints) - goal)[:, :5].max() < 0.7
+        before = joints[-1] if move.way else goal
 
 
 @pytest.mark.parametrize("name", ["pour", "stack"])
@@ -76,6 +78,7 @@ def test_both_cameras_see_all_that_a_look_is_about(name: str, corner: tuple[floa
             assert rig.in_view(np.array([x, y + side, 0.0]), *HOME, 5.0)
             assert rig.in_view(np.array([x, y + side, spec.height]), *HOME, 5.0)
     for move in lesson.plan(world):
+        assert move.goal is not None
         marker = (kinematics.forward(move.goal) @ TOOL_FROM_MARKER)[:3, 3]
         assert rig.in_view(marker, *HOME, 30.0)
 

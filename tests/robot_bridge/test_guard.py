@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from handeye.robot_bridge.driver import Pace, RobotDriver
 from handeye.robot_bridge.guard import GuardedRobot
-from handeye.rpc.errors import Busy, DeadlineExceeded, InvalidArgument, OutOfLimits, Stopped, Unreachable
+from handeye.rpc.errors import Busy, DeadlineExceeded, InvalidArgument, OutOfLimits, Slipping, Stopped, Unreachable
 from tests.robot_bridge.fake_robot import FakeRobot
 
 NAN, INF = float("nan"), float("inf")
@@ -87,6 +87,26 @@ def test_an_arm_is_not_stuck_at_a_limit_where_its_encoder_reads_a_step_too_much(
     with pytest.raises(OutOfLimits, match="waist"):
         robot.adjust_joints(np.array([0.001, 0.0, 0.0]))
     assert robot.adjust_joints(np.array([0.0, 0.1, 0.0])).joints[1] == pytest.approx(0.1)
+
+
+def test_the_arm_brakes_when_what_it_holds_slips(robot: GuardedRobot, fake: FakeRobot) -> None:
+    def closing(fraction: float) -> None:
+        fake._opening = 0.06 - 0.02 * fraction
+
+    delta = np.array([0.4, 0.0, 0.0])
+    with pytest.raises(Slipping, match=r"closed to 0\.0[45]"):
+        robot.adjust_joints(delta, Pace(), closing, least_opening=0.05)
+    state = robot.state()
+    assert (state.moving, state.stopped) == (False, False)
+    assert 0.1 < state.joints[0] < 0.3
+    assert robot.adjust_joints(delta - state.joints, Pace(), closing).joints == pytest.approx(delta)
+
+
+@pytest.mark.parametrize("opening", [-0.001, 1.0, NAN])
+def test_the_least_opening_lies_in_the_grippers_range(robot: GuardedRobot, fake: FakeRobot, opening: float) -> None:
+    with pytest.raises(InvalidArgument, match="an opening must lie in"):
+        robot.adjust_joints(np.zeros(3), least_opening=opening)
+    assert fake.time == 0.0
 
 
 @pytest.mark.parametrize("duration", [-0.1, 60.1, NAN, INF])

@@ -28,7 +28,7 @@ from handeye.robot_bridge.lease import HEARTBEAT_PERIOD, SILENCE_LIMIT
 from handeye.robot_bridge.remote import RemoteRobot, heartbeat
 from handeye.robot_bridge.service import RobotService
 from handeye.rpc import Bus
-from handeye.rpc.errors import Busy, DeadlineExceeded, Stopped, Unauthorised, Unavailable
+from handeye.rpc.errors import Busy, DeadlineExceeded, Slipping, Stopped, Unauthorised, Unavailable
 from tests.robot_bridge.fake_robot import FakeRobot
 
 Join = Callable[[str], Bus]
@@ -422,3 +422,13 @@ def test_no_lease_id_is_logged(join: Join, capsys: pytest.CaptureFixture[str]) -
     logged = "".join(capsys.readouterr())
     assert "for the log" in logged
     assert lease_id not in logged
+
+
+def test_what_slips_is_felt_at_the_robot(robot: RemoteRobot, fake: FakeRobot) -> None:
+    with robot.lease():
+        held = robot.close_gripper().gripper_opening
+        fake._opening = 0.03
+        with pytest.raises(Slipping):
+            robot.adjust_joints(FAR - fake.state().joints, SLOW, least_opening=0.031)
+        assert held < 0.03
+        assert not robot.state().stopped

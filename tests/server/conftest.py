@@ -164,7 +164,13 @@ class ToyRobot:
             if moves:
                 self.world.still_since = self.world.time
 
-    def adjust_joints(self, delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+    def adjust_joints(
+        self,
+        delta: Joints,
+        pace: Pace = Pace(),  # noqa: B008
+        watch: Watch = unwatched,
+        least_opening: float = 0.0,
+    ) -> RobotState:
         self.paces.append(pace.speed)
         self._command("adjust_joints", 1.0, watch)
         self.world.joints = self.world.joints + self.world.reads * np.asarray(delta)

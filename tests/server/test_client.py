@@ -111,6 +111,16 @@ def test_teach_train_run_and_read_back_why(lab: Lab, client: Client) -> None:
     assert client.module(task.module).samples == 36
 
 
+def test_an_object_is_marked_by_a_person(lab: Lab, client: Client) -> None:
+    client.add_background("blue cup")
+    client.add_example("blue cup")
+    shown = client.begin_demonstration("grasp", "blue cup").id
+    lab.world.hidden.add("object")
+    assert client.observe(shown, "grasp", object_at=np.array([230.5, 340.0, 150.0])).object == (230.5, 340.0, 150.0)
+    with pytest.raises(ValueError, match="a marked point"):
+        client.observe(shown, "grasp", object_at=[np.nan, 0.0, 0.0])
+
+
 def test_demonstrations_are_judged_and_deleted(lab: Lab, client: Client) -> None:
     teach(lab, client)
     first = client.demonstrations()[0]

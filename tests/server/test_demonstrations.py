@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
 from tests.server.conftest import asking, open_lab
 from tests.server.rest import declaration, done, problem, samples
 
@@ -105,3 +107,20 @@ def test_an_object_has_twenty_pairs_of_a_kind_at_most(lab: Lab, http: TestClient
         done(http.post("/v1/objects/cup/backgrounds"), 201)
     assert "20 backgrounds" in problem(http.post("/v1/objects/cup/backgrounds"), 409, "conflict")
     assert done(http.get("/v1/objects"))["objects"][0]["backgrounds"] == 20
+
+
+def test_an_object_that_is_not_recognised_can_be_marked_by_a_person(lab: Lab, http: TestClient) -> None:
+    http.post("/v1/objects/cup/backgrounds")
+    http.post("/v1/objects/cup/examples")
+    at = http.post("/v1/demonstrations", json={"task": "grasp", "object": "cup"}).headers["location"]
+    lab.world.hidden.add("object")
+    look = {"subtask": "grasp", "goal": True}
+    assert "object 'cup'" in problem(http.post(f"{at}/observations", json=look), 422, "not_seen")
+    seen = done(http.post(f"{at}/observations", json={**look, "object_at": [231.5, 340.0, 151.25]}), 201)
+    assert seen["object"] == [231.5, 340.0, 151.25]
+    assert seen["hand"] == pytest.approx(lab.world.hand, abs=0.051)
+    lab.world.hidden.add("hand")
+    unseen = {"subtask": "grasp", "object_at": [231.5, 340.0, 151.25]}
+    assert "hand" in problem(http.post(f"{at}/observations", json=unseen), 422, "not_seen")
+    wrong = http.post(f"{at}/observations", json={"subtask": "grasp", "object_at": [231.5, 340.0]})
+    problem(wrong, 422, "invalid_argument")

@@ -5,60 +5,31 @@ from __future__ import annotations
 import itertools
 import threading
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from handeye.robot_bridge.driver import Joints, Pace, RobotState, Watch, unwatched
+from handeye.robot_bridge.driver import Joints, Pace, RobotState, unwatched
 from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, Unavailable
-from handeye.server.acting import ActingRobot, ActingSettings
+from handeye.server.acting import ActingRobot
 from handeye.server.acting_jobs import ActingJobs
 from handeye.server.jobs import JobBusy, Jobs
 from handeye.server.problem import NotFound
-from handeye.server.results import JobState, JobView, RunResult
+from handeye.server.results import JobState, JobView
 from handeye.server.settings import ServerSettings
 from handeye.server.store import jobs as stored_jobs
+from tests.server.running import FAR, UNTAUGHT, done, miss, run, train
 
 if TYPE_CHECKING:
-    from handeye.camera_bridge.driver import Image, StereoPair, Tick
+    from handeye.camera_bridge.driver import Image, Tick
     from handeye.modules.spaces import ImagePoint
     from tests.server.conftest import Lab
-
-UNTAUGHT = np.array([233.0, 337.0, 150.0])  # between the taught places
-FAR = np.array([100.0, 600.0, 150.0])
-
-
-def train(lab: Lab, **settings: object) -> None:
-    """Teaches the grasp on a grid of places; acting settings may be changed."""
-    lab.coordinator.settings = ServerSettings(acting=ActingSettings.model_validate(settings))
-    lab.teach(lab.places)
-    lab.train()
-    lab.world.cup = UNTAUGHT
-    lab.robot.commands.clear()
-
-
-def run(lab: Lab, *, one_look: bool = False) -> JobView:
-    job = lab.coordinator.run("grasp", "blue cup", one_look=one_look)
-    assert job.wait(30.0)
-    return job.view()
-
-
-def done(job: JobView) -> RunResult:
-    """What the run did."""
-    assert isinstance(job.result, RunResult)
-    return job.result
 
 
 def picture(lab: Lab, job: str, number: int) -> bytes | None:
     with lab.coordinator.store.read() as connection:
         return stored_jobs.picture(connection, job, number)
-
-
-def miss(job: JobView) -> float:
-    """Distance of hand and cup in pixels when the gripper has closed: as the first look afterwards saw it."""
-    look = done(job).subtasks[1].looks[0]
-    return float(np.linalg.norm(np.subtract(look.hand, look.object)))
 
 
 def test_the_hand_reaches_an_untaught_place_with_an_arm_that_is_not_exact(lab: Lab) -> None:
@@ -361,136 +332,6 @@ def test_the_newest_jobs_and_pictures_are_kept(lab: Lab) -> None:
     assert picture(lab, ids[2], -1) is None
 
 
-def let_slip(lab: Lab, monkeypatch: pytest.MonkeyPatch, times: int) -> None:
-    """At the first motion after each of so many closings the cup slips out of the hand, and the fingers meet."""
-    adjust, left = lab.robot.adjust_joints, [times]
-
-    def adjusting(delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
-        if left[0] and lab.world.gripper < 0.09:
-            left[0] -= 1
-            lab.world.gripper = 0.0
-        return adjust(delta, pace, watch)
-
-    monkeypatch.setattr(lab.robot, "adjust_joints", adjusting)
-
-
-def test_a_cup_that_slipped_out_of_the_hand_is_taken_again(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    train(lab)
-    let_slip(lab, monkeypatch, times=1)
-    job = run(lab)
-    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
-    tried = [(part.name, part.state) for part in done(job).subtasks]
-    assert tried == [("grasp", "succeeded"), ("lift", "failed"), ("grasp", "succeeded"), ("lift", "succeeded")]
-    assert lab.world.gripper == 0.065
-
-
-def test_a_cup_that_slips_again_and_again_is_reported(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    train(lab)
-    let_slip(lab, monkeypatch, times=9)
-    job = run(lab)
-    assert job.state is JobState.FAILED
-    assert job.error is not None
-    assert job.error.code == "lost_grip"
-    assert [part.name for part in done(job).subtasks].count("grasp") == 3
-    assert lab.robot.stopped
-
-
-def test_what_is_held_is_put_back_where_it_was_taken(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cup hangs otherwise in the hand than was ever shown: it is put back the way that it came, and left there."""
-    train(lab)
-    adjust, close, open_ = lab.robot.adjust_joints, lab.robot.close_gripper, lab.robot.open_gripper
-    taken: list[Joints] = []
-    left: list[Joints] = []
-
-    def adjusting(delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
-        if taken:
-            lab.world.cup = FAR
-        return adjust(delta, pace, watch)
-
-    def closing(watch: Watch = unwatched) -> RobotState:
-        taken.append(lab.world.joints.copy())
-        return close(watch)
-
-    def opening(watch: Watch = unwatched) -> RobotState:
-        left.append(lab.world.joints.copy())
-        return open_(watch)
-
-    monkeypatch.setattr(lab.robot, "adjust_joints", adjusting)
-    monkeypatch.setattr(lab.robot, "close_gripper", closing)
-    monkeypatch.setattr(lab.robot, "open_gripper", opening)
-    job = run(lab)
-    assert job.error is not None
-    assert job.error.code == "outside_taught_region"  # where the cup is now it cannot be taken
-    assert left == [pytest.approx(taken[0], abs=1e-9)]
-
-
-def test_a_gripper_that_has_closed_on_nothing_is_noticed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    train(lab, attempts=1)
-    close = lab.robot.close_gripper
-
-    def closing(watch: Watch = unwatched) -> RobotState:
-        close(watch)
-        lab.world.gripper = 0.0
-        return lab.robot.state()
-
-    monkeypatch.setattr(lab.robot, "close_gripper", closing)
-    job = run(lab)
-    assert job.error is not None
-    assert job.error.code == "lost_grip"
-    assert job.error.message.endswith("see where the object is.")
-
-
-def hide_after(lab: Lab, monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
-    """Something hides the hand after so many looks."""
-    grab, left = lab.cameras.grab_stereo, [looks]
-
-    def grabbing(not_older_than: float, timeout: float, on_tick: Tick | None = None) -> StereoPair:
-        left[0] -= 1
-        if left[0] < 0:
-            lab.world.hidden.add("hand")
-        return grab(not_older_than, timeout, on_tick)
-
-    monkeypatch.setattr(lab.cameras, "grab_stereo", grabbing)
-
-
-@pytest.mark.parametrize("turned", [0.0, 0.03])
-def test_a_hand_that_is_hidden_is_felt(lab: Lab, monkeypatch: pytest.MonkeyPatch, turned: float) -> None:
-    """By the joints, and by where it was seen last: so it does not matter how the head stands."""
-    train(lab)
-    lab.world.head = (turned, 0.0)
-    hide_after(lab, monkeypatch, looks=1)
-    job = run(lab)
-    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
-    looks = [look for part in done(job).subtasks for look in part.looks]
-    assert [look.hand_seen for look in looks] == [True] + [False] * (len(looks) - 1)
-    assert miss(job) < 1.0
-
-
-def test_what_hides_a_cup_that_is_held_does_not_take_it_out_of_the_hand(
-    lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    train(lab)
-    close = lab.robot.close_gripper
-
-    def closing(watch: Watch = unwatched) -> RobotState:
-        lab.world.hidden.add("object")
-        return close(watch)
-
-    monkeypatch.setattr(lab.robot, "close_gripper", closing)
-    job = run(lab)
-    assert (job.state, job.error) == (JobState.SUCCEEDED, None)
-    assert [(part.name, part.aligned) for part in done(job).subtasks] == [("grasp", True), ("lift", False)]
-    assert lab.world.gripper == 0.065
-
-
-def test_a_hand_that_was_never_seen_is_not_guessed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    train(lab)
-    hide_after(lab, monkeypatch, looks=0)
-    job = run(lab)
-    assert job.error is not None
-    assert job.error.code == "not_seen"
-
-
 @pytest.mark.parametrize(("noise", "state"), [(0.02, JobState.SUCCEEDED), (0.0, JobState.FAILED)])
 def test_answers_that_differ_by_noise_are_averaged(
     lab: Lab, monkeypatch: pytest.MonkeyPatch, noise: float, state: JobState
@@ -515,10 +356,10 @@ def test_half_of_a_way_is_gone_where_the_whole_is_refused(lab: Lab, monkeypatch:
     train(lab)
     adjust = lab.robot.adjust_joints
 
-    def adjusting(delta: Joints, pace: Pace = Pace(), watch: Watch = unwatched) -> RobotState:  # noqa: B008
+    def adjusting(delta: Joints, *more: Any) -> RobotState:
         if np.abs(delta).max() > 0.45:
             raise OutOfLimits("the arm would come too near to the table")
-        return adjust(delta, pace, watch)
+        return adjust(delta, *more)
 
     monkeypatch.setattr(lab.robot, "adjust_joints", adjusting)
     job = run(lab)

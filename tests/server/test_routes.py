@@ -111,6 +111,7 @@ def test_wrong_bodies_name_the_field(http: TestClient, path: str, body: dict[str
         (errors.Unreachable, 422, "unreachable"),
         (errors.Busy, 409, "busy"),
         (errors.Stopped, 409, "stopped"),
+        (errors.Slipping, 409, "slipping"),
         (errors.Unauthorised, 502, "unauthorised"),
         (errors.Internal, 502, "bridge_failed"),
     ],

@@ -69,6 +69,12 @@ class Cancelled(RpcError):
     code = rpc_pb2.ERROR_CODE_CANCELLED
 
 
+class Slipping(RpcError):
+    """The gripper has closed further than it should during a motion: what it held slips, and the arm has braked."""
+
+    code = rpc_pb2.ERROR_CODE_SLIPPING
+
+
 class Internal(RpcError):
     """The handler raised something unforeseen: a bug on the server's side."""
 

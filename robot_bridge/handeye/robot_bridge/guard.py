@@ -16,11 +16,12 @@ from handeye.robot_bridge.limits import (
     READING_ERROR,
     check_duration,
     check_joints,
+    check_opening,
     check_pace,
     check_vector,
     stopped,
 )
-from handeye.rpc.errors import Busy, DeadlineExceeded, Stopped
+from handeye.rpc.errors import Busy, DeadlineExceeded, Slipping, Stopped
 
 
 class GuardedRobot:
@@ -79,13 +80,29 @@ class GuardedRobot:
             check_joints(self.description, target)
             return self._seen(self._driver.move_to_joints(target, pace, watched))
 
-    def adjust_joints(self, delta: Joints, pace: Pace = DEFAULT_PACE, watch: Watch = unwatched) -> RobotState:
-        """Changes the joints by `delta` in rad; what is checked is the present reading plus `delta`."""
+    def adjust_joints(
+        self, delta: Joints, pace: Pace = DEFAULT_PACE, watch: Watch = unwatched, least_opening: float = 0.0
+    ) -> RobotState:
+        """Changes the joints by `delta` in rad; what is checked is the present reading plus `delta`.
+
+        Once the gripper is closed further than `least_opening`, in m, the arm brakes: `Slipping`. That is felt here at
+        every control step; whoever hears of it over a network hears of it too late.
+        """
         with self._motion(watch) as watched:
             check_pace(pace)
+            check_opening(self.description, least_opening)
             change = check_vector("delta", delta, len(self.description.joint_names))
             check_joints(self.description, self._driver.state().joints + change, READING_ERROR)
-            return self._seen(self._driver.adjust_joints(change, pace, watched))
+
+            def feeling(fraction: float) -> None:
+                watched(fraction)
+                opening = self._driver.state().gripper_opening
+                if opening < least_opening:
+                    raise Slipping(
+                        f"the gripper has closed to {opening:.4f} m, least {least_opening:.4f} m was asked for"
+                    )
+
+            return self._seen(self._driver.adjust_joints(change, pace, feeling if least_opening else watched))
 
     def advance(self, duration: float, watch: Watch = unwatched) -> RobotState:
         """Lets `duration` s of world time pass while the arm holds still."""

@@ -45,6 +45,14 @@ def check_joints(description: RobotDescription, target: Joints, tolerance: float
         raise OutOfLimits(f"joint limits: {wrong}", detail=description.joint_names[outside[0]])
 
 
+def check_opening(description: RobotDescription, opening: float) -> None:
+    """`InvalidArgument` unless `opening` (m) lies within the gripper's range."""
+    if not 0.0 <= opening <= description.gripper_range:
+        raise InvalidArgument(
+            f"an opening must lie in [0, {description.gripper_range:g}] m, got {opening}", detail="least_opening"
+        )
+
+
 def check_pace(pace: Pace) -> None:
     """`InvalidArgument` unless both shares lie in [0.001, 1]."""
     for name, share in (("speed", pace.speed), ("acceleration", pace.acceleration)):

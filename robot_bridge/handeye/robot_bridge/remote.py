@@ -128,10 +128,15 @@ class RemoteRobot:
         )
         return self._move(ROBOT_MOVE_TO_JOINTS, request, self._longest_move(pace), watch)
 
-    def adjust_joints(self, delta: Joints, pace: Pace = DEFAULT_PACE, watch: Watch = unwatched) -> RobotState:
-        """Changes the joints by `delta` in rad."""
+    def adjust_joints(
+        self, delta: Joints, pace: Pace = DEFAULT_PACE, watch: Watch = unwatched, least_opening: float = 0.0
+    ) -> RobotState:
+        """Changes the joints by `delta` (rad); `Slipping` if the gripper is closed further than `least_opening` (m)."""
         request = robot_pb2.AdjustJointsRequest(
-            lease_id=self._lease_id, pace=pace_to_message(pace), delta=self._vector("delta", delta)
+            lease_id=self._lease_id,
+            pace=pace_to_message(pace),
+            delta=self._vector("delta", delta),
+            least_opening=least_opening,
         )
         return self._move(ROBOT_ADJUST_JOINTS, request, self._longest_move(pace), watch)
 

@@ -151,8 +151,8 @@ class RobotService:
         return self._move(request.lease_id, call, lambda watch: self._robot.move_to_joints(joints, pace, watch))
 
     def _adjust_joints(self, request: robot_pb2.AdjustJointsRequest, call: Call) -> robot_pb2.RobotState:
-        delta, pace = vector(request.delta), pace_from_message(request.pace)
-        return self._move(request.lease_id, call, lambda watch: self._robot.adjust_joints(delta, pace, watch))
+        delta, pace, least = vector(request.delta), pace_from_message(request.pace), request.least_opening
+        return self._move(request.lease_id, call, lambda watch: self._robot.adjust_joints(delta, pace, watch, least))
 
     def _advance(self, request: robot_pb2.AdvanceRequest, call: Call) -> robot_pb2.RobotState:
         return self._move(request.lease_id, call, lambda watch: self._robot.advance(request.duration, watch))

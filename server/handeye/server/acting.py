@@ -64,6 +64,8 @@ class ActingSettings(BaseModel):
     """A gripper that has closed further than this holds nothing, in m."""
     grip_slack: float = Field(default=0.005, gt=0.0)
     """A gripper that has closed on by so much since it gripped has lost what it held, in m."""
+    slip_slack: float = Field(default=0.0005, gt=0.0)
+    """By so much it closes on when what it holds begins to slip, in m: then it is let go, before it is pinched away."""
     pace: float = Field(default=0.5, gt=0.0, le=1.0)
     """Share of the joints' speed and acceleration limits."""
 
@@ -97,8 +99,10 @@ class LeasedRobot(Protocol):
         """The newest state; answers also while a motion is under way."""
         ...
 
-    def adjust_joints(self, delta: Joints, pace: Pace = ..., watch: Watch = ...) -> RobotState:
-        """Changes the joints by `delta` (rad)."""
+    def adjust_joints(
+        self, delta: Joints, pace: Pace = ..., watch: Watch = ..., least_opening: float = ...
+    ) -> RobotState:
+        """Changes the joints by `delta` (rad); `Slipping` if the gripper is closed further than `least_opening` (m)."""
         ...
 
     def open_gripper(self, watch: Watch = ...) -> RobotState:
@@ -163,17 +167,18 @@ class ActingRobot:
         """What the robot's own sensors say now."""
         return self.__driver.state()
 
-    def adjust_joints(self, delta: Joints, seconds: float | None = None) -> RobotState:
+    def adjust_joints(self, delta: Joints, seconds: float | None = None, least_opening: float = 0.0) -> RobotState:
         """Changes the joints by `delta` (rad); returns what was reached.
 
-        With `seconds` so slowly that it takes about so much world time; not faster than its own pace.
+        With `seconds` so slowly that it takes about so much world time; not faster than its own pace. `Slipping` once
+        the gripper is closed further than `least_opening`, in m.
         """
         pace = self.__pace
         if seconds is not None:
             slowest = float(np.max(np.abs(delta) / self.__driver.description.speed))
             share = _PEAK * slowest / max(seconds, 1e-3)
             pace = Pace(min(pace.speed, max(_LEAST_PACE, share)), pace.acceleration)
-        return self.__driver.adjust_joints(delta, pace, self.__watch)
+        return self.__driver.adjust_joints(delta, pace, self.__watch, least_opening)
 
     def open_gripper(self) -> RobotState:
         """Opens the gripper."""

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from handeye.camera_bridge.driver import CameraDriver, StereoPair
 from handeye.modules.declaration import ApproximatorSettings
 from handeye.modules.recognition import NotSeen
-from handeye.modules.spaces import HeadAngles
+from handeye.modules.spaces import HeadAngles, ImagePoint
 from handeye.robot_bridge.driver import RobotState
 from handeye.rpc.errors import Busy
 from handeye.server.acting import ActingRobot, LeasedRobot
@@ -107,9 +107,17 @@ class Coordinator:
         return self.objects.add(name, kind, self.grab(not_older_than), lambda write: write())
 
     def look(
-        self, demonstration_id: str, subtask: str, object_name: str | None = None, *, goal: bool
+        self,
+        demonstration_id: str,
+        subtask: str,
+        object_name: str | None = None,
+        *,
+        goal: bool,
+        object_at: ImagePoint | None = None,
     ) -> tuple[Sighting, RobotState]:
         """What is seen and read now, for an observation of a demonstration; towards its own object for None.
+
+        With `object_at` the object is where a person has marked it, and only the hand is looked for.
 
         `Busy` while the arm moves, `NotSeen` when object or hand is not found in both pictures, `Conflict` when the
         demonstration cannot take the observation, `DeadlineExceeded` without a picture of the arm at rest.
@@ -118,7 +126,8 @@ class Coordinator:
             self.objects.require(object_name)
         demonstration = self.demonstrations.recordable(demonstration_id, subtask, object_name, goal=goal)
         state = self.acting.resting_state()
-        sighting = self.eyes.look(object_name or demonstration.object, state.still_since)
+        pair = self.eyes.grab(state.still_since)
+        sighting = self.eyes.recognise(pair, object_name or demonstration.object, object_at)
         if isinstance(sighting.found, NotSeen):
             raise sighting.found
         if self.acting.resting_state().still_since != state.still_since:

@@ -202,9 +202,9 @@ class Run:
                 raise refusal
         for (turn, answer), seconds in zip(answers, subtask.way, strict=True):
             self._job.check()
+            self._grip.require()
             before = self._robot.state()
-            after = self._robot.adjust_joints(joints + turn.angles - before.joints, seconds)
-            self._grip.carried_to(after.joints)
+            after = self._grip.carry(joints + turn.angles - before.joints, seconds)
             early = seconds - (after.world_time - before.world_time)
             if early > 0.0:
                 self._robot.wait(early)
@@ -259,10 +259,9 @@ class Run:
     def _move(self, before: RobotState, way: Joints) -> tuple[float, ...]:
         """Goes; half of the way when the robot refuses the whole: an answer is least sure of its far end."""
         try:
-            after = self._robot.adjust_joints(way)
+            after = self._grip.carry(way)
         except OutOfLimits:
-            after = self._robot.adjust_joints(way / 2)
-        self._grip.carried_to(after.joints)
+            after = self._grip.carry(way / 2)
         return tuple(float(value) for value in after.joints - before.joints)
 
     def _record(

@@ -131,22 +131,22 @@ class Eyes:
         """A picture can be had this long after what it shows, in s of world time."""
         return self._cameras.latency
 
-    def look(self, object_name: str, not_older_than: float, on_tick: Tick | None = None) -> Sighting:
-        """A pair that shows the world at `not_older_than` (world time in s) or later, and what is in it.
+    def grab(self, not_older_than: float, on_tick: Tick | None = None) -> StereoPair:
+        """A pair that shows the world at `not_older_than` (world time in s) or later.
 
         `DeadlineExceeded` when there is no such pair in time. `on_tick` is called about every 20 ms while it waits for
         the pictures; what it raises ends the wait.
         """
-        return self.recognise(self.grab(not_older_than, on_tick), object_name)
-
-    def grab(self, not_older_than: float, on_tick: Tick | None = None) -> StereoPair:
-        """The pair that `look` looks at."""
         return self._cameras.grab_stereo(not_older_than, self._timeout, on_tick)
 
-    def recognise(self, pair: StereoPair, object_name: str) -> Sighting:
-        """Object and hand in a pair, or why not."""
+    def recognise(self, pair: StereoPair, object_name: str, object_at: ImagePoint | None = None) -> Sighting:
+        """Object and hand in a pair, or why not. An object that a person has marked is not looked for: `object_at`."""
+        left, right = pair.left.image, pair.right.image
         try:
-            return Sighting(pair, recognise(self._sight, pair.left.image, pair.right.image, object_name))
+            if object_at is None:
+                return Sighting(pair, recognise(self._sight, left, right, object_name))
+            hand, confidence = self._sight.see_hand(left, right)
+            return Sighting(pair, ImagePair(object_at, hand, hand_confidence=confidence))
         except NotSeen as missing:
             return Sighting(pair, missing)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from handeye.robot_bridge.driver import Joints
+from handeye.robot_bridge.driver import Joints, RobotState
+from handeye.rpc.errors import Slipping
 from handeye.server.acting import ActingRobot, ActingSettings
 from handeye.server.problem import Conflict
 
@@ -23,11 +24,14 @@ class Grip:
         """How far it was open when it had closed, in m; None while it is open."""
         self._carried: list[Joints] = []
         """Where the arm has stopped since then, in rad."""
+        self._slipped = False
+        """What it held has begun to slip, and was let go."""
 
     def close(self) -> None:
         """Closes it."""
         closed = self._robot.close_gripper()
         self._opening, self._carried = closed.gripper_opening, [closed.joints]
+        self._slipped = False
 
     def open(self) -> None:
         """Opens it; `LostGrip` when something should have been held until now and was not."""
@@ -35,13 +39,26 @@ class Grip:
         self._robot.open_gripper()
         self._opening = None
 
-    def carried_to(self, joints: Joints) -> None:
-        """The arm has stopped at (joints,) rad."""
-        self._carried.append(joints)
+    def carry(self, delta: Joints, seconds: float | None = None) -> RobotState:
+        """Changes the joints by `delta` (rad), with what is held; returns what was reached.
+
+        When that begins to slip, it is let go before the way is gone to its end: fingers that close over the rim of
+        something pinch it away. `require` tells.
+        """
+        least = 0.0 if self._opening is None else max(0.0, self._opening - self._settings.slip_slack)
+        goal = self._robot.state().joints + delta
+        try:
+            reached = self._robot.adjust_joints(delta, seconds, least)
+        except Slipping:
+            self._slipped, self._opening = True, None
+            opened = self._robot.open_gripper()
+            reached = self._robot.adjust_joints(goal - opened.joints, seconds)
+        self._carried.append(reached.joints)
+        return reached
 
     def require(self) -> None:
         """`LostGrip` when something should be held and is not."""
-        if self._opening is not None and self._holds_nothing(self._opening):
+        if self._slipped or (self._opening is not None and self._holds_nothing(self._opening)):
             raise LostGrip(
                 "The gripper has closed on nothing, or what it held has slipped out of it: see where the object is."
             )
@@ -56,7 +73,7 @@ class Grip:
             for joints in reversed(self._carried):
                 self._robot.adjust_joints(joints - self._robot.at_rest().joints)
         self._robot.open_gripper()
-        self._opening = None
+        self._opening, self._slipped = None, False
 
     def _holds_nothing(self, gripped: float) -> bool:
         """Closed that far that nothing is between the fingers, or further than when it had gripped."""

@@ -124,6 +124,7 @@ _RPC_STATUS: dict[type[errors.RpcError], int] = {
     errors.Busy: 409,
     errors.Stopped: 409,
     errors.Cancelled: 409,
+    errors.Slipping: 409,
     # The coordinator's own credential or lease was refused by a bridge: not the caller's token.
     errors.Unauthorised: 502,
     errors.Internal: 502,
@@ -138,6 +139,7 @@ _RPC_CODE: dict[type[errors.RpcError], str] = {
     errors.Busy: "busy",
     errors.Stopped: "stopped",
     errors.Cancelled: "cancelled",
+    errors.Slipping: "slipping",
     errors.Unauthorised: "unauthorised",
     errors.Internal: "bridge_failed",
 }

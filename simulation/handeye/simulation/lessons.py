@@ -43,7 +43,8 @@ class Move:
     """One subtask as it is shown: the hand goes to `goal` (6,), rad, with so many looks on the straight way there."""
 
     subtask: str
-    goal: Array
+    goal: Array | None
+    """None: it stays where it is."""
     looks: int
     scatter: Scatter | None
     towards: str | None = None
@@ -78,9 +79,9 @@ def grasp(spec: ObjectSpec) -> Lesson:
         chain = _chain(world, spec)
         return (
             *_taking(chain, looks=4),
-            Move("lift", chain["grasp"], 0, None, way=(chain["lift"],)),
+            Move("lift", None, 0, None, way=(chain["lift"],)),
             # What it looks like when it is held: what does not look so has slipped.
-            Move("hold", chain["lift"], 0, None),
+            Move("hold", None, 0, None),
         )
 
     return Lesson("grasp", (spec,), places, plan)

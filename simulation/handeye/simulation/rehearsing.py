@@ -40,7 +40,9 @@ def lifted(world: WorldState, spec: ObjectSpec) -> bool:
 
 
 def _goes_well(robot: RemoteRobot, lab: LabClient, spec: ObjectSpec, place: Place, move: Move) -> bool:
-    robot.move_to_joints(move.goal, PACE)
+    for joints in (move.goal, *move.way):
+        if isinstance(joints, np.ndarray):
+            robot.move_to_joints(joints, PACE)
     world = lab.world()
     stands = world.object(spec.name).pose.position
     shown = (stands, gripper.marker_place(world.tool.matrix()))

@@ -94,29 +94,17 @@ class Teacher:
 
     def _led(self, move: Move, random: np.random.Generator) -> Move:
         """The move as this teacher makes it."""
-        if self._clumsiness == STEADY:
+        if self._clumsiness == STEADY or move.goal is None:
             return move
         return replace(move, goal=near(self._clumsiness.off(kinematics.forward(move.goal), random), move.goal))
 
     def _show(self, recorder: _Recorder, move: Move, random: np.random.Generator) -> None:
-        """From where the arm is to the goal: looks at the start, on the way, at the goal, around it, elsewhere."""
-        start = self._robot.state().joints
+        """Looks at the start, then the way to the goal, then what follows it without looking."""
         recorder.look(move, key=True)
-        for share in np.linspace(0.0, 1.0, move.looks + 2)[1:-1]:
-            self._move(start + share * (move.goal - start))
-            recorder.look(move)
-        self._move(move.goal)
-        recorder.look(move, goal=True)
-        if move.scatter is not None:
-            for pose in move.scatter.draw(kinematics.forward(move.goal), random):
-                self._move(near(pose, move.goal))
-                recorder.look(move)
-            self._move(move.goal)
-        if move.elsewhere is not None:
-            for joints in move.elsewhere.draw(move.goal, random):
-                self._move(joints)
-                recorder.look_if_seen(move)
-            self._move(move.goal)
+        if move.goal is None:
+            recorder.look(move, goal=True)
+        else:
+            self._lead(recorder, move, move.goal, random)
         if move.way:
             recorder.look(move)  # the way's time counts from here
         for step in move.way:
@@ -131,6 +119,25 @@ class Teacher:
             self._robot.open_gripper(self._watch)
         if move.action is not None:
             recorder.action(move.subtask, move.action)
+
+    def _lead(self, recorder: _Recorder, move: Move, goal: Array, random: np.random.Generator) -> None:
+        """From where the arm is to the goal: looks on the way, at the goal, around it, elsewhere."""
+        start = self._robot.state().joints
+        for share in np.linspace(0.0, 1.0, move.looks + 2)[1:-1]:
+            self._move(start + share * (goal - start))
+            recorder.look(move)
+        self._move(goal)
+        recorder.look(move, goal=True)
+        if move.scatter is not None:
+            for pose in move.scatter.draw(kinematics.forward(goal), random):
+                self._move(near(pose, goal))
+                recorder.look(move)
+            self._move(goal)
+        if move.elsewhere is not None:
+            for joints in move.elsewhere.draw(goal, random):
+                self._move(joints)
+                recorder.look_if_seen(move)
+            self._move(goal)
 
     def _move(self, joints: Array) -> None:
         self._robot.move_to_joints(joints, PACE, self._watch)

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from contextlib import aclosing
 from typing import Any, Literal
 
+from numpy.typing import ArrayLike
+
+from handeye.client._arrays import vector
 from handeye.client._async.calls import part
 from handeye.client._async.jobs import AsyncJobCalls, ignore
 from handeye.client._job_models import OnEvent, RunJob, TrainJob, TrainStatistics
@@ -79,12 +82,17 @@ class AsyncTeachingCalls(AsyncJobCalls):
         object_name: str | None = None,
         goal: bool = False,
         key: bool = False,
+        object_at: ArrayLike | None = None,
     ) -> Observation:
         """Looks and reads the joints, with the arm at rest. `goal`: the subtask ends here; `key`: it begins here.
 
-        `object_name`: what the subtask is towards; None: the demonstration's object.
+        `object_name`: what the subtask is towards; None: the demonstration's object. `object_at`: (row, column,
+        disparity) in px of its middle, marked by a person in pictures since which neither it nor the head has moved;
+        None: it is looked for.
         """
-        body = {"subtask": subtask, "object": object_name, "goal": goal, "key": key}
+        body: dict[str, object] = {"subtask": subtask, "object": object_name, "goal": goal, "key": key}
+        if object_at is not None:
+            body["object_at"] = vector(object_at, "a marked point")
         return await self._post_once(Observation, f"{_path(demonstration_id)}/observations", body)
 
     async def add_waypoint(self, demonstration_id: str, subtask: str) -> Observation:

@@ -476,8 +476,11 @@ class AdjustJointsRequest(_message.Message):
     LEASE_ID_FIELD_NUMBER: _builtins.int
     PACE_FIELD_NUMBER: _builtins.int
     DELTA_FIELD_NUMBER: _builtins.int
+    LEAST_OPENING_FIELD_NUMBER: _builtins.int
     lease_id: _builtins.str
     """The caller's lease."""
+    least_opening: _builtins.float
+    """SLIPPING, and the arm brakes, once the gripper is closed further than this, in m. 0: never."""
     @_builtins.property
     def pace(self) -> Global___Pace:
         """How fast."""
@@ -492,10 +495,11 @@ class AdjustJointsRequest(_message.Message):
         lease_id: _builtins.str = ...,
         pace: Global___Pace | None = ...,
         delta: _abc.Iterable[_builtins.float] | None = ...,
+        least_opening: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["pace", b"pace"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["delta", b"delta", "lease_id", b"lease_id", "pace", b"pace"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["delta", b"delta", "lease_id", b"lease_id", "least_opening", b"least_opening", "pace", b"pace"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -91,11 +91,16 @@ async def add_observation(
     lane: CameraLaneDep,
     once: OnceDep,
 ) -> Response:
-    """Grabs a stereo pair that shows the arm at rest, recognises object and hand, and reads the joints."""
+    """Grabs a stereo pair that shows the arm at rest, recognises object and hand, and reads the joints.
+
+    An object that is not recognised can be marked by a person instead.
+    """
     if (before := await to_thread.run_sync(once.known)) is not None:
         return before
     subtask, towards = request.subtask, request.object
-    seen = await lane.run(partial(coordinator.look, demonstration_id, subtask, towards, goal=request.goal))
+    marked = None if request.object_at is None else ImagePoint(*request.object_at)
+    look = partial(coordinator.look, demonstration_id, subtask, towards, goal=request.goal, object_at=marked)
+    seen = await lane.run(look)
 
     def work() -> tuple[ObservationInfo, None]:
         observation = coordinator.record(demonstration_id, subtask, towards, seen, goal=request.goal, key=request.key)

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, Strict
 
+from handeye.server.results import THREE
+
 # Ranges, because what \w means differs between JSON Schema, Python and pydantic.
 _LETTERS = r"0-9A-Z_a-z\u00c0-\u1fff\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\uffef"
 
@@ -28,6 +30,10 @@ Key = Annotated[str, Field(pattern=r"^[!-~]{1,128}$", examples=["3f0c4c1e-6f0b-4
 
 # Strict: neither "1" nor true is a number.
 Number = Annotated[FiniteFloat, Strict()]
+
+_Pixels = Annotated[Number, Field(ge=-100_000.0, le=100_000.0)]
+MarkedPoint = Annotated[tuple[_Pixels, _Pixels, _Pixels], THREE]
+"""A point of the stereo image that somebody marked: (row, column, disparity) in px."""
 
 
 class Body(BaseModel):

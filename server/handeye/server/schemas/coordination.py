@@ -8,10 +8,9 @@ from pydantic import Field, model_validator
 
 from handeye.server.collecting.fixating import Keep
 from handeye.server.results import THREE
-from handeye.server.schemas.base import LATEST, Body, Name, Number
+from handeye.server.schemas.base import LATEST, Body, MarkedPoint, Name, Number
 
 _Metres = Annotated[Number, Field(ge=-100.0, le=100.0)]
-_Pixels = Annotated[Number, Field(ge=-100_000.0, le=100_000.0)]
 _Share = Annotated[Number, Field(ge=-1.0, le=1.0)]
 
 Place = Annotated[tuple[_Metres, _Metres, _Metres], THREE]
@@ -43,7 +42,7 @@ class ReachRequest(Body):
     """Where the hand is to go: to an object, or to a point of the stereo image that somebody marked."""
 
     object: Name | None = None
-    point: Annotated[tuple[_Pixels, _Pixels, _Pixels], THREE] | None = None
+    point: MarkedPoint | None = None
     """(row, column, disparity) in pixels, for the head as it stands."""
     one_look: bool = Field(default=False, strict=True)
     """Move once, by one look, and do not check."""

@@ -9,7 +9,7 @@ from pydantic import StrictBool
 
 from handeye.server.demonstration import Action, Outcome
 from handeye.server.results import Triple
-from handeye.server.schemas.base import Body, Name
+from handeye.server.schemas.base import Body, MarkedPoint, Name
 
 
 class DemonstrationRequest(Body):
@@ -69,6 +69,9 @@ class ObservationRequest(Body):
     """These joints are where the subtask ends."""
     key: StrictBool = False
     """One of the thesis's bare pairs: where the subtask begins."""
+    object_at: MarkedPoint | None = None
+    """(row, column, disparity) of the object's middle in pixels, as a person has marked it in pictures since which
+    neither it nor the head has moved; then only the hand is looked for. Null: the object is looked for, too."""
 
 
 class ObservationInfo(Body):

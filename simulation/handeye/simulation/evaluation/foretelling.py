@@ -21,6 +21,7 @@ _TASK = "grasp"
 _TAUGHT = 3
 _WIDE = 0.60  # m
 _LEAST_SUPPORT = 0.2  # as tasks are set
+_TOUCHED = 2.0  # mm that a cup has moved
 
 
 def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> list[Trial]:
@@ -39,7 +40,9 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
     with site.progress("trials without holding", trials) as advance:
         for number, place in enumerate(places, start=1):
             judged = trying.at(number, place, least_support=0.0)
-            found.append({**told(judged), "support_before": _support_before(judged)})
+            found.append(
+                {**told(judged), "support_before": _support_before(judged), "untouched": _ended_untouched(judged)}
+            )
             advance()
     pictures.append(Picture(site.client.frame("observer"), f"Seed {seed}: the last trial's end."))
     return found
@@ -55,6 +58,12 @@ def _support_before(judged: Judged) -> float:
     return least
 
 
+def _ended_untouched(judged: Judged) -> bool:
+    """Whether the task ended by itself, and said why, before the cup was moved or the gripper had closed."""
+    closed = any(part.action is not None and part.state == "succeeded" for part in judged.job.result.subtasks)
+    return bool(judged.trial.failure) and not closed and judged.trial.pushed_mm < _TOUCHED
+
+
 def _figures(found: Sequence[Trial]) -> tuple[Figure, ...]:
     failing = [each for each in found if not each["well"]]
     good = [each for each in found if each["well"]]
@@ -62,11 +71,16 @@ def _figures(found: Sequence[Trial]) -> tuple[Figure, ...]:
     def flagged(trials: Sequence[Trial]) -> list[bool]:
         return [each["support_before"] < _LEAST_SUPPORT for each in trials]
 
-    return (
-        *((share("of failing trials flagged beforehand", flagged(failing), 80.0),) if failing else ()),
-        *((share("of good trials held in vain", flagged(good), most=5.0),) if good else ()),
-        share("trials that end well when nothing holds them", [each["well"] for each in found]),
-    )
+    figures = [share("trials that end well when nothing holds them", [each["well"] for each in found])]
+    if failing:
+        untouched = [each["untouched"] for each in failing]
+        figures += [
+            share("of failing trials flagged beforehand", flagged(failing), 80.0),
+            share("of failing trials ended by themselves with the cup untouched", untouched),
+        ]
+    if good:
+        figures.append(share("of good trials held in vain", flagged(good), most=5.0))
+    return tuple(figures)
 
 
 def _histograms(found: Sequence[Trial]) -> dict[str, tuple[float, ...]]:

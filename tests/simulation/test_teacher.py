@@ -1,0 +1,95 @@
+"""The teacher leads the hand as the lesson says, however clumsily."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from handeye.robot_bridge.driver import unwatched
+from handeye.simulation import grasping, kinematics
+from handeye.simulation.lessons import grasp
+from handeye.simulation.objects import CUPS
+from handeye.simulation.places import Place
+from handeye.simulation.pose import Pose
+from handeye.simulation.scatter import CLUMSY, STEADY, Clumsiness
+from handeye.simulation.scene import ObjectState, WorldState
+from handeye.simulation.teacher import Teacher
+
+CUP = CUPS["blue cup"]
+PLACE = Place(0.55, 0.05, 0.3, 1)
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+class Arm:
+    """Goes where it is led, and notes it."""
+
+    def __init__(self) -> None:
+        self.joints = grasping.PARK
+        self.time = 0.0
+        self.done: list[Any] = []
+
+    def lease(self) -> nullcontext[None]:
+        return nullcontext()
+
+    def state(self) -> SimpleNamespace:
+        return SimpleNamespace(joints=self.joints, world_time=self.time, still_since=0.0)
+
+    def advance(self, duration: float, _watch: object) -> SimpleNamespace:
+        self.time += duration
+        return self.state()
+
+    def move_to_joints(self, joints: np.ndarray[Any, Any], *_: object) -> None:
+        self.joints = joints
+        self.done.append(joints)
+
+    def close_gripper(self, _watch: object) -> None:
+        self.done.append("close")
+
+
+class Client:
+    """Notes the goals that it is shown."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm = arm
+        self.goals: dict[str, np.ndarray[Any, Any]] = {}
+
+    def begin_demonstration(self, _task: str, _object: str) -> SimpleNamespace:
+        return SimpleNamespace(id="grasp-1")
+
+    def observe(self, _id: str, subtask: str, *, object_name: str | None, goal: bool, key: bool) -> None:
+        if goal:
+            self.goals[subtask] = self.arm.joints
+
+    def add_waypoint(self, _id: str, _subtask: str) -> None:
+        """Of no interest here."""
+
+    def mark_action(self, _id: str, _subtask: str, _action: str) -> None:
+        """Of no interest here."""
+
+    def finish_demonstration(self, _id: str) -> None:
+        """Of no interest here."""
+
+
+def world() -> WorldState:
+    cup = ObjectState(CUP.name, Pose(np.array([PLACE.x, PLACE.y, CUP.height / 2]), UPRIGHT), False, False)
+    return WorldState(0.0, 1, grasping.PARK, np.full(2, 0.045), Pose(np.zeros(3), UPRIGHT), (cup,))
+
+
+@pytest.mark.parametrize(("clumsiness", "off"), [(STEADY, 0.0), (CLUMSY, 0.002)])
+def test_how_far_off_a_teacher_grasps_and_that_what_is_held_is_only_lifted(clumsiness: Clumsiness, off: float) -> None:
+    arm = Arm()
+    client = Client(arm)
+    lab = SimpleNamespace(reset=lambda _seed: None, place=lambda *_: None, world=world)
+    teacher = Teacher(cast(Any, arm), cast(Any, lab), cast(Any, client), grasp(CUP), "grasp", unwatched, clumsiness)
+    teacher.demonstrate((PLACE,), np.random.default_rng(3), lambda: None)
+    meant = grasping.solve_chain(np.array([PLACE.x, PLACE.y]), height=CUP.height / 2)
+    miss = kinematics.forward(client.goals["grasp"])[:3, 3] - kinematics.forward(meant["grasp"])[:3, 3]
+    assert np.linalg.norm(miss) == pytest.approx(0.0, abs=1e-9) if not off else off < np.linalg.norm(miss) < 0.02
+    assert client.goals["lift"] is client.goals["grasp"]
+    (lifted,) = arm.done[[isinstance(each, str) for each in arm.done].index(True) + 1 :]
+    assert np.array_equal(client.goals["hold"], lifted)
+    assert np.array_equal(lifted, meant["lift"])
