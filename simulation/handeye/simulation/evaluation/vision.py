@@ -23,6 +23,7 @@ from handeye.modules.spaces import ImagePoint
 from handeye.modules.window import Image, Window
 from handeye.robot_bridge.driver import unwatched
 from handeye.simulation import grasping, kinematics, lessons, rig
+from handeye.simulation.collecting import collect
 from handeye.simulation.evaluation import disturbing
 from handeye.simulation.evaluation.disturbing import Pair
 from handeye.simulation.evaluation.outcome import Figure, average, share
@@ -105,8 +106,9 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
 
 
 def _teach(onlooker: Onlooker, cup: ObjectSpec, seed: int) -> None:
-    """Ten grasps for the coordinator; each look also teaches the onlooker's guides."""
+    """CSS and ten grasps for the coordinator; each look also teaches the onlooker's guides."""
     site = onlooker.site
+    collect("CSS", site.lab, site.client, seed, site.progress)
     onlooker.learn(cup, seed)
     teacher = Teacher(site.robot, site.lab, site.client, lessons.grasp(cup), TASK, unwatched)
     teacher.register_objects(seed)
