@@ -47,7 +47,7 @@ def world(one_world: World) -> World:
 def directly(world: World, name: rig.CameraName, pan: float = HOME[0], tilt: float = HOME[1]) -> Image:
     """The picture drawn at once from the world's own PyBullet client."""
     camera = Camera(name, PROFILE)
-    drawing = camera.draw(world._client, rig.camera_from_world(name, pan, tilt))
+    drawing = camera.draw(world._physics.client, rig.camera_from_world(name, pan, tilt))
     return camera.develop(drawing, world.scene().seed, round(world.time / STEP))
 
 

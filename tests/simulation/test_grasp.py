@@ -61,7 +61,7 @@ def test_nothing_holds_the_cup_but_the_fingers(world: World, robot: SimulatedRob
     robot.close_gripper()
     robot.move_to_joints(chain["lift"])
     assert world.state().object(CUP.name).pose.position[2] > 0.18
-    stage = world._stage
+    stage = world._physics.stage
     client = stage.client
     for index in range(pybullet.getNumConstraints(physicsClientId=client)):
         info = pybullet.getConstraintInfo(

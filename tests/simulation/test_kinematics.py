@@ -54,7 +54,7 @@ def test_forward_is_the_published_chain() -> None:
 
 
 def test_forward_agrees_with_pybullet(world: World) -> None:
-    stage = world._stage
+    stage = world._physics.stage
     for joints in random_joints(20):
         stage.set_joints(joints, np.zeros(2))
         link = pybullet.getLinkState(

@@ -33,7 +33,7 @@ def fingerprint(world: World, seed: int) -> str:
     robot.close_gripper()
     robot.move_to_joints(chain["lift"])
     digest = hashlib.sha256()
-    for row in world._history._rows:
+    for row in world._physics.history._rows:
         digest.update(row.numbers.tobytes())
     digest.update(robot.state().joints.tobytes())
     return digest.hexdigest()
@@ -250,7 +250,7 @@ def test_reset_and_place_are_busy_during_a_motion(world: World) -> None:
 
 
 def test_masses_inertias_and_torques_are_the_published_ones(world: World) -> None:
-    stage = world._stage
+    stage = world._physics.stage
     for i in range(6):
         info = pybullet.getDynamicsInfo(stage.robot, i, physicsClientId=stage.client)
         assert info[0] == pytest.approx(puma.MASS[i])
@@ -262,7 +262,7 @@ def test_masses_inertias_and_torques_are_the_published_ones(world: World) -> Non
 def test_friction_product_is_at_most_a_half(world: World) -> None:
     for index, spec in enumerate([*CUPS.values()]):
         world.place(spec, (0.5 + 0.12 * (index % 3), 0.2 * (index // 3) - 0.1))
-    stage = world._stage
+    stage = world._physics.stage
     robot = max(pybullet.getDynamicsInfo(stage.robot, link, physicsClientId=stage.client)[1] for link in range(-1, 9))
     for body in stage.objects.values():
         assert robot * pybullet.getDynamicsInfo(body, -1, physicsClientId=stage.client)[1] <= 0.5
@@ -273,7 +273,7 @@ def test_fingers_stay_coupled(world: World, robot: SimulatedRobot) -> None:
     for state in world.history(0.0):
         assert abs(state.fingers[0] - state.fingers[1]) < 5e-4
     assert world.state().fingers.max() < 5e-4
-    stage = world._stage
+    stage = world._physics.stage
     info = pybullet.getConstraintInfo(pybullet.getConstraintUniqueId(0, physicsClientId=stage.client), stage.client)
     assert {info[1], info[3]} == {FINGER_1, FINGER_2}
 

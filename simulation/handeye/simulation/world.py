@@ -1,4 +1,4 @@
-"""The simulated world: physics, its controllers, its clock and its truth."""
+"""The simulated world: who may do what with its physics, when; its clock and its truth."""
 
 from __future__ import annotations
 
@@ -11,24 +11,18 @@ from types import TracebackType
 from typing import Literal, Self
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
 from handeye.rpc.errors import Busy, Internal, InvalidArgument
-from handeye.simulation import gripper, kinematics, liquid, placement, scene
+from handeye.simulation import gripper, placement
 from handeye.simulation.clock import RealtimeClock
 from handeye.simulation.conditions import ORDINARY, Conditions
-from handeye.simulation.controllers import ArmController, GripperController
-from handeye.simulation.grasping import PARK
-from handeye.simulation.history import History, Row
-from handeye.simulation.mishaps import Mishaps
 from handeye.simulation.motion import JointMotion
 from handeye.simulation.objects import ObjectSpec
+from handeye.simulation.physics import Physics
 from handeye.simulation.pose import Pose
 from handeye.simulation.profile import Profile
-from handeye.simulation.pushing import Push
-from handeye.simulation.scene import ARM_JOINTS, FINGER_1, FINGER_2, STEP, WorldState
-from handeye.simulation.stillness import Stillness
+from handeye.simulation.scene import STEP, WorldState
 
 Array = NDArray[np.float64]
 Clock = Literal["lockstep", "realtime"]
@@ -71,15 +65,10 @@ class World:
         self.clock: Clock = clock
         self.lock = threading.RLock()
         self._stepped = threading.Condition(self.lock)
-        self._grip_force = grip_force
-        self._version = 0
         self._ticks = 0
         self._advancing = False
         self._failure: Exception | None = None
-        self._client: int = pybullet.connect(pybullet.DIRECT)
-        if self._client < 0:
-            raise Internal("PyBullet gives no physics client: too many are open in this process")
-        self._build(seed, ORDINARY)
+        self._physics = Physics(profile, grip_force, seed)
         self._realtime = RealtimeClock(self.step, self._fail) if clock == "realtime" else None
 
     def __enter__(self) -> Self:
@@ -95,9 +84,7 @@ class World:
         if self._realtime is not None:
             self._realtime.close()
         with self.lock:
-            if self._client >= 0:
-                pybullet.disconnect(physicsClientId=self._client)
-                self._client = -1
+            self._physics.close()
             self._stepped.notify_all()
 
     # Time
@@ -105,7 +92,7 @@ class World:
     @property
     def time(self) -> float:
         """World time since the reset, in s."""
-        return self._step * STEP
+        return self._physics.steps * STEP
 
     @property
     def ticks(self) -> int:
@@ -116,18 +103,8 @@ class World:
         """Lets one physics step of world time pass."""
         with self.lock:
             self._require_open()
-            if self._mishaps is not None:
-                tool = kinematics.forward(self._joints)[:3, 3]
-                self._mishaps.before_step(tool, moving=self._stillness.busy)
-            self._arm.drive()
-            self._gripper.drive()
-            for name in [name for name, push in self._pushes.items() if not push.drive()]:
-                del self._pushes[name]
-            pybullet.stepSimulation(physicsClientId=self._client)
-            self._step += 1
+            self._physics.step()
             self._ticks += 1
-            self._observe()
-            self._history.append(self._row())
             self._stepped.notify_all()
 
     def wait_for_tick(self, after: int, timeout: float) -> bool:
@@ -138,7 +115,7 @@ class World:
         """
         with self.lock:
             passed = self._stepped.wait_for(
-                lambda: self._ticks > after or self._failure is not None or self._client < 0, timeout
+                lambda: self._ticks > after or self._failure is not None or self._physics.client < 0, timeout
             )
             if self._failure is not None:
                 raise Internal(f"the world's clock has died: {self._failure}")
@@ -157,10 +134,10 @@ class World:
         with self.lock:
             self._require_idle()
             motion = JointMotion(
-                self._arm.motor, goal, speed_share=speed_share, acceleration_share=acceleration_share, step=STEP
+                self._physics.arm.motor, goal, speed_share=speed_share, acceleration_share=acceleration_share, step=STEP
             )
-            self._arm.follow(motion)
-            self._stillness.begin()
+            self._physics.arm.follow(motion)
+            self._physics.stillness.begin()
             return motion
 
     def start_gripper(self, *, opening: bool) -> None:
@@ -168,10 +145,10 @@ class World:
         with self.lock:
             self._require_idle()
             if opening:
-                self._gripper.open()
+                self._physics.gripper.open()
             else:
-                self._gripper.close()
-            self._stillness.begin()
+                self._physics.gripper.close()
+            self._physics.stillness.begin()
 
     @contextmanager
     def advancing(self) -> Iterator[None]:
@@ -186,53 +163,54 @@ class World:
     def brake(self) -> None:
         """Brings arm and fingers to a standstill within the acceleration limits."""
         with self.lock:
-            self._arm.brake()
-            self._gripper.hold(self._fingers)
+            self._physics.arm.brake()
+            self._physics.gripper.hold(self._physics.fingers)
 
     @property
     def busy(self) -> bool:
         """A motion is under way or has not settled yet."""
-        return self._stillness.busy
+        return self._physics.stillness.busy
 
     @property
     def still_since(self) -> float:
         """World time since when arm and fingers stand still, in s; infinite while they move."""
-        return self._stillness.since(self._step)
+        return self._physics.stillness.since(self._physics.steps)
 
     @property
     def gripper_fraction(self) -> float:
         """Share of the fingers' way done, 0..1."""
-        return self._gripper.fraction
+        return self._physics.gripper.fraction
 
     # Sensors, for the driver
 
     def encoders(self) -> Array:
         """What the joints' encoders read (6,), rad."""
         with self.lock:
-            return self._arm.encoders(self._joints)
+            return self._physics.arm.encoders(self._physics.joints)
 
     def motors(self) -> Array:
         """Where the motors are led to (6,), rad: the start of the next motion."""
         with self.lock:
-            return self._arm.motor
+            return self._physics.arm.motor
 
     def velocities(self) -> Array:
         """How fast the motors turn, counted at the joints (6,), rad/s."""
         with self.lock:
-            return self._arm.motor_speed
+            return self._physics.arm.motor_speed
 
     def gripper_opening(self) -> float:
         """Distance between the pads, in m."""
         with self.lock:
-            return float(self._fingers.sum())
+            return float(self._physics.fingers.sum())
 
     # Truth, for the lab bus
 
     def scene(self) -> Scene:
         """What stands in the world."""
         with self.lock:
+            now = self._physics
             return Scene(
-                self._version, tuple(self._specs.values()), self._seed, self.profile.name, self.clock, self._conditions
+                now.version, tuple(now.specs.values()), now.seed, self.profile.name, self.clock, now.conditions
             )
 
     def state(self, world_time: float | None = None) -> WorldState:
@@ -242,15 +220,15 @@ class World:
             InvalidArgument: the time is no finite number, lies in the future, or further back than `history.REACH`.
         """
         with self.lock:
-            step = self._step if world_time is None else _steps("world_time", world_time)
-            return self._history.recall(step)
+            step = self._physics.steps if world_time is None else _steps("world_time", world_time)
+            return self._physics.history.recall(step)
 
     def history(self, start: float, end: float | None = None, every: float = 0.0) -> list[WorldState]:
         """The truth from `start` to `end` (None: now), one state every `every` s (0: every step), oldest first."""
         with self.lock:
             first, stride = _steps("start", start), max(1, _steps("every", every))
-            last = self._step if end is None else _steps("end", end)
-            return [self._history.recall(step) for step in range(first, last + 1, stride)]
+            last = self._physics.steps if end is None else _steps("end", end)
+            return [self._physics.history.recall(step) for step in range(first, last + 1, stride)]
 
     # Changes, for the lab bus
 
@@ -259,7 +237,7 @@ class World:
         with self.lock:
             self._require_open()
             self._require_idle()
-            self._build(seed, conditions)
+            self._physics.build(seed, conditions)
             return self.scene()
 
     def place(self, spec: ObjectSpec, xy: Sequence[float] | Array, yaw: float = 0.0) -> Scene:
@@ -281,7 +259,7 @@ class World:
             self._require_idle()
             position = np.array(xy, dtype=np.float64)
             placement.require_on_table(spec, position, yaw)
-            self._put(spec, placement.standing(spec, position, yaw))
+            self._physics.put(spec, placement.standing(spec, position, yaw))
             for _ in range(_PLACEMENT_STEPS):
                 self.step()
             return self.scene()
@@ -303,7 +281,7 @@ class World:
         with self.lock:
             self._require_open()
             self._require_idle()
-            self._put(spec, placement.checked(spec, pose), fixed=True)
+            self._physics.put(spec, placement.checked(spec, pose), fixed=True)
             return self.scene()
 
     def fill(self, name: str, particles: int) -> Scene:
@@ -318,15 +296,7 @@ class World:
         with self.lock:
             self._require_open()
             self._require_idle()
-            spec = self._known(name)
-            if self._stage.particles:
-                raise InvalidArgument("there is liquid in the world already; reset the world first", detail="name")
-            if particles < 1:
-                raise InvalidArgument(f"at least one particle must be filled in, got {particles}", detail="particles")
-            pose = self.state().object(name).pose
-            where = liquid.places(spec, pose, particles, np.random.default_rng(self._seed))
-            self._stage.fill(where)
-            self._changed()
+            self._physics.fill(name, particles)
             for _ in range(_FILLING_STEPS):
                 self.step()
             return self.scene()
@@ -347,106 +317,23 @@ class World:
         """
         with self.lock:
             self._require_open()
-            push = Push(self._stage, self._known(name), np.array(path, dtype=np.float64), speed)
-            self._pushes[name] = push
-            return self.time + push.duration
+            return self.time + self._physics.push(name, np.array(path, dtype=np.float64), speed)
 
     def remove(self, name: str) -> Scene:
         """Takes an object away; `InvalidArgument` when there is none of that name."""
         with self.lock:
             self._require_open()
-            self._known(name)
-            del self._specs[name]
-            self._pushes.pop(name, None)
-            self._stage.remove(name)
-            self._changed()
+            self._physics.remove(name)
             return self.scene()
 
     # Inside
 
-    def _known(self, name: str) -> ObjectSpec:
-        if name not in self._specs:
-            known = ", ".join(self._specs) or "none"
-            raise InvalidArgument(f"no object {name!r} is in the world; there are: {known}", detail="name")
-        return self._specs[name]
-
-    def _put(self, spec: ObjectSpec, pose: Pose, *, fixed: bool = False) -> None:
-        placement.put(self._stage, spec, pose, fixed=fixed)
-        self._pushes.pop(spec.name, None)
-        self._specs.pop(spec.name, None)  # what replaces another counts as put last
-        self._specs[spec.name] = spec
-        self._changed()
-
-    def _build(self, seed: int, conditions: Conditions) -> None:
-        client = self._client
-        pybullet.resetSimulation(physicsClientId=client)
-        pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
-        pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=STEP,
-            numSolverIterations=_SOLVER_ITERATIONS,
-            contactBreakingThreshold=0.001,
-            enableConeFriction=1,
-            deterministicOverlappingPairs=1,
-            physicsClientId=client,
-        )
-        self._seed = seed
-        self._conditions = conditions
-        self._stage = scene.build(client)
-        offsets, travel = np.array(conditions.joint_offsets), conditions.opening / 2
-        self._arm = ArmController(self._stage, self.profile, PARK, offsets, np.random.default_rng(seed))
-        self._gripper = GripperController(self._stage, self._grip_force, travel)
-        self._stage.set_joints(self._arm.link, np.full(2, travel))
-        self._mishaps = Mishaps(self._stage, conditions) if conditions != ORDINARY else None
-        self._specs: dict[str, ObjectSpec] = {}
-        self._pushes: dict[str, Push] = {}
-        self._history = History()
-        self._step = 0
-        self._stillness = Stillness()
-        self._version += 1
-        self._read_joints()
-        self._history.append(self._row())
-
-    def _observe(self) -> None:
-        """Reads the joints and judges whether arm and gripper stand still."""
-        self._gripper.observe(self._read_joints())
-        led = self._arm.motion is not None or not self._gripper.settled
-        self._stillness.observe(self._joints, led=led)
-
-    def _read_joints(self) -> float:
-        """Takes the positions; returns the greatest speed of the fingers, in m/s."""
-        states = pybullet.getJointStates(
-            self._stage.robot, (*ARM_JOINTS, FINGER_1, FINGER_2), physicsClientId=self._client
-        )
-        self._joints: Array = np.array([state[0] for state in states[:6]])
-        self._fingers: Array = np.array([state[0] for state in states[6:]])
-        return float(max(abs(state[1]) for state in states[6:]))
-
-    def _row(self) -> Row:
-        """Joints, fingers, objects and liquid as they are."""
-        numbers = [*self._joints, *self._fingers]
-        for body in self._stage.objects.values():
-            position, orientation = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
-            numbers += [*position, *orientation, *self._touches(body)]
-        if self._stage.particles:
-            numbers += liquid.read(self._client, self._stage.particles).ravel().tolist()
-        return Row(self._version, tuple(self._stage.objects), np.array(numbers))
-
-    def _touches(self, body: int) -> tuple[bool, bool]:
-        contacts = pybullet.getContactPoints(self._stage.robot, body, physicsClientId=self._client)
-        pressed = {contact[3] for contact in contacts if contact[9] > 0.0}
-        return FINGER_1 in pressed, FINGER_2 in pressed
-
-    def _changed(self) -> None:
-        """The scene is another one now, and so is the newest state."""
-        self._version += 1
-        self._history.replace(self._row())
-
     def _require_idle(self) -> None:
-        if self._stillness.busy or self._advancing:
+        if self._physics.stillness.busy or self._advancing:
             raise Busy("a motion is under way; wait for its end or stop the robot")
 
     def _require_open(self) -> None:
-        if self._client < 0:
+        if self._physics.client < 0:
             raise Internal("the simulated world is closed")
 
 
