@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 GreyImage = NDArray[np.float32]
 
-_CONVERGED = 4e-4  # half sizes of the pattern: about a hundredth of a pixel
+CONVERGED = 4e-4
+"""Half sizes of the pattern: a step so small, about a hundredth of a pixel, ends the search."""
 
 _MIN_PIXELS = 36
+_FARTHEST = 4.0  # steps
 
 
 def _generator(*entries: tuple[int, int, float]) -> FloatArray:
@@ -132,6 +134,7 @@ def align(
     *,
     subsamples: int = 1,
     outlier: float = np.inf,
+    converged: float = CONVERGED,
     iterations: int = 8,
 ) -> Alignment | None:
     """Moves `pattern` from the warp `start` (3×3 image_from_pattern) until it fits `picture` best.
@@ -139,10 +142,12 @@ def align(
     Gain and offset of the brightness are estimated along with the motions (`SHIFT_AND_SCALE`, `UPRIGHT`, `HOMOGRAPHY`).
     `subsamples` as in `predict`: 1 will do for smooth patterns, print needs 2 or 3. `outlier`, in the picture's own
     units, is the residual at which a pixel's weight has fallen to a half, for patterns that may be partly hidden.
+    A step of less than `converged`, in half sizes of the pattern, is the last one.
     None when the fit diverges or leaves the picture.
     """
     warp = start / start[2, 2]
     generators = np.stack(motions)
+    step = way = np.zeros(len(motions))
     for _ in range(iterations):
         look = _look(picture, pattern, warp, subsamples)
         if look is None:
@@ -158,13 +163,28 @@ def align(
         gain = solution[-2]
         if gain <= 0:
             return None
-        step = np.clip(solution[:-2] / gain, -0.3, 0.3)
-        warp = warp @ (np.eye(3) + np.tensordot(step, generators, axes=1))
+        before, step = step, np.clip(solution[:-2] / gain, -0.3, 0.3)
+        way = _extrapolated(step, before, way)
+        warp = warp @ (np.eye(3) + np.tensordot(way, generators, axes=1))
         warp /= warp[2, 2]
-        if np.abs(step).max() < _CONVERGED:
-            break
+        if np.abs(step).max() < converged:
+            return Alignment(warp, _correlation(seen, shown))  # after so small a step it is the same
     look = _look(picture, pattern, warp, subsamples)
     return None if look is None else Alignment(warp, _correlation(look[0], look[1][0]))
+
+
+def _extrapolated(step: FloatArray, before: FloatArray, way: FloatArray) -> FloatArray:
+    """How far to go when this step follows another one, and the way that was gone by that.
+
+    Anderson's acceleration (1965) of depth one: what steps leave over in the same ratio each time, as the lean of a
+    silhouette does, is gone at once.
+    """
+    change = step - before
+    if not before.any() or not change.any():
+        return step
+    further: FloatArray = step - (step @ change) / (change @ change) * (way + change)
+    most = _FARTHEST * np.abs(step).max()
+    return np.clip(further, -most, most)
 
 
 def _look(

@@ -33,6 +33,7 @@ _COLOUR_NOISE = 1.2  # bins: spread given to every registered colour
 _STRANGE = 2e-6  # density of colours never seen, per bin: anything not registered counts as something else
 _PATTERN_SIZE = 96
 _OUTLIER = (0.35, 0.2)  # probability residual of a pixel half distrusted, in the rough and in the fine alignment
+_ROUGHLY = 0.01  # half sizes: near enough for the fine alignment to begin from
 _HALVED_FROM_FULL = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1.0]])  # pixel centres of a halved picture
 _CHANGE = (4.0, 12.0)  # difference in Lab that counts as new: five times the noise, within these bounds
 _DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
@@ -204,7 +205,8 @@ def _fit(seen: GreyImage, silhouette: Pattern, start: FloatArray) -> Alignment |
     Works on the map halved: it is smooth, so this costs no accuracy and takes a quarter of the time.
     """
     halved = np.asarray(cv2.resize(seen, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.float32)
-    rough = align(halved, silhouette, _HALVED_FROM_FULL @ start, SHIFT_AND_SCALE, outlier=_OUTLIER[0])
+    start = _HALVED_FROM_FULL @ start
+    rough = align(halved, silhouette, start, SHIFT_AND_SCALE, outlier=_OUTLIER[0], converged=_ROUGHLY)
     if rough is None:
         return None
     fine = align(halved, silhouette, rough.image_from_pattern, UPRIGHT, outlier=_OUTLIER[1])
