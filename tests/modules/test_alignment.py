@@ -19,7 +19,7 @@ def silhouette(top: int) -> Pattern:
     shape = np.zeros((SIZE, SIZE), np.float32)
     corners = [[14 + top, 14], [SIZE - 15 - top, 14], [SIZE - 15, SIZE - 15], [14, SIZE - 15]]
     cv2.fillPoly(shape, [np.array(corners)], 1.0)
-    return Pattern.of(cv2.GaussianBlur(shape, (0, 0), 2.0))
+    return Pattern.of(np.asarray(cv2.GaussianBlur(shape, (0, 0), 2.0), dtype=np.float32))
 
 
 def aligned(picture: NDArray[np.float32], iterations: int) -> Alignment:

@@ -64,7 +64,7 @@ class ActingSettings(BaseModel):
     """A gripper that has closed further than this holds nothing, in m."""
     grip_slack: float = Field(default=0.005, gt=0.0)
     """A gripper that has closed on by so much since it gripped has lost what it held, in m."""
-    slip_slack: float = Field(default=0.0005, gt=0.0)
+    slip_slack: float = Field(default=0.0008, gt=0.0)
     """By so much it closes on when what it holds begins to slip, in m: then it is let go, before it is pinched away."""
     pace: float = Field(default=0.5, gt=0.0, le=1.0)
     """Share of the joints' speed and acceleration limits."""

@@ -103,6 +103,7 @@ class Run:
             attempts = 1 if self._one_look else self._settings.attempts
             for left in reversed(range(attempts)):
                 begun = len(self._subtasks)
+                self._grip.lets_go = left > 0
                 try:
                     return self._attempt()
                 except (OutsideTaughtRegion, NotSeen, NotAligned, LostGrip) as trouble:

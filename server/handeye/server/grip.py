@@ -26,6 +26,9 @@ class Grip:
         """Where the arm has stopped since then, in rad."""
         self._slipped = False
         """What it held has begun to slip, and was let go."""
+        self.lets_go = True
+        """Whether what begins to slip is let go: only where it can be taken again, for an object may also settle in the
+        fingers."""
 
     def close(self) -> None:
         """Closes it."""
@@ -45,7 +48,9 @@ class Grip:
         When that begins to slip, it is let go before the way is gone to its end: fingers that close over the rim of
         something pinch it away. `require` tells.
         """
-        least = 0.0 if self._opening is None else max(0.0, self._opening - self._settings.slip_slack)
+        least = 0.0
+        if self.lets_go and self._opening is not None:
+            least = max(0.0, self._opening - self._settings.slip_slack)
         goal = self._robot.state().joints + delta
         try:
             reached = self._robot.adjust_joints(delta, seconds, least)
