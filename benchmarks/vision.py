@@ -93,6 +93,8 @@ def main() -> None:
                 "object, found, whole": partial(model.locate, picture),
                 "object, found, window": partial(model.locate, picture, at_cup),
                 "object, guide": partial(guessed, cup_guide, picture, model.likeness),
+                "hand, search, whole": partial(marker.detects, picture),
+                "hand, search, window": partial(marker.detects, picture, at_hand),
                 "hand, found, whole": partial(marker.locate, picture),
                 "hand, found, window": partial(marker.locate, picture, at_hand),
                 "hand, guide": partial(guessed, hand_guide, picture, grey),
@@ -117,7 +119,7 @@ def grey(picture: Image) -> NDArray[np.uint8]:
 def report(took: dict[str, Floats]) -> None:
     for name, values in took.items():
         print(f"{name:26} {np.median(values):7.2f} ms")
-    for what in ("object, search", "object, found", "hand, found"):
+    for what in ("object, search", "object, found", "hand, search", "hand, found"):
         whole, window = took[f"{what}, whole"], took[f"{what}, window"]
         guide = took[f"{what.partition(',')[0]}, guide"]
         print(

@@ -69,7 +69,14 @@ def test_finds_are_right_missed_or_wrong() -> None:
 
 
 def look(thing: str, off: float, *, flagged: bool = False, scene: str = "arm near") -> dict[str, Any]:
-    times = {"whole_ms": 8.0, "window_ms": 2.0, "guides_ms": 1.0, "guided_ms": 4.0}
+    times = {
+        "search_whole_ms": 5.0,
+        "search_window_ms": 1.0,
+        "whole_ms": 8.0,
+        "window_ms": 2.0,
+        "guides_ms": 1.0,
+        "guided_ms": 4.0,
+    }
     seen = {"scene": scene, "thing": thing, "flagged": flagged, "found": True, "off_px": [off, 1.0]}
     return {"what": "look", **seen, "truth_px": [0.1, 0.2, 0.3], **times}
 
@@ -87,7 +94,8 @@ def test_figures_count_blunders_only_where_they_were_not_flagged() -> None:
     figures = {each.name: each for each in evaluation.figures([*rest, *looks])}
     assert figures["no guess more than 50 px off unflagged"].met
     assert figures["ordinary looks not flagged"].value == 75.0
-    assert figures["whole picture / window, object"].value == 4.0
+    assert figures["detection alone, whole picture / window, object"].value == 5.0
+    assert figures["with alignment, whole picture / window, object"].value == 4.0
     assert figures["whole picture / guided with the guides' own time, hand"].value == 2.0
     worse = evaluation.figures([*rest, *looks, look("object", 51.0)])
     assert not next(each for each in worse if each.name.startswith("no guess")).met

@@ -61,9 +61,7 @@ class Marker:
 
         With a `window`, only there and around it; what is found is what is found in the whole picture.
         """
-        searched = Window.whole(image.shape) if window is None else window.grown(_AROUND, image.shape)
-        grey = np.asarray(cv2.cvtColor(searched.of(image), cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-        corners = self._detect(grey, max(image.shape))
+        searched, grey, corners = self._search(image, window)
         if corners is None:
             return None
         h = self._half
@@ -75,6 +73,18 @@ class Marker:
         row, column = found.centre
         corner = np.array([searched.top, searched.left])
         return MarkerSighting(row + searched.top, column + searched.left, found.outline() + corner, found.correlation)
+
+    def detects(self, image: Image, window: Window | None = None) -> bool:
+        """Whether the marker is there: the search that `locate` begins with."""
+        return self._search(image, window)[2] is not None
+
+    def _search(
+        self, image: Image, window: Window | None
+    ) -> tuple[Window, NDArray[np.uint8], NDArray[np.float32] | None]:
+        """The part that is searched, grey, and the marker's corners in it."""
+        searched = Window.whole(image.shape) if window is None else window.grown(_AROUND, image.shape)
+        grey = np.asarray(cv2.cvtColor(searched.of(image), cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+        return searched, grey, self._detect(grey, max(image.shape))
 
     def _detect(self, grey: NDArray[np.uint8], longer_side: int) -> NDArray[np.float32] | None:
         """Corners (4, 2) as (x, y), clockwise from the pattern's top left; a second try on the doubled picture.
