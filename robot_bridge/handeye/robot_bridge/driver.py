@@ -17,7 +17,8 @@ Joints = NDArray[np.float64]
 
 Watch = Callable[[float], None]
 """Called at every control step of a motion with the share done (0..1). Raising brakes the arm to a
-standstill; the exception then leaves the command."""
+standstill; the exception then leaves the command. `Slipping` (`handeye.rpc.errors`) opens the gripper meanwhile: in the
+third of a second that an arm may take to stand still, fingers that close shoot away what slips."""
 
 
 def unwatched(_fraction: float) -> None:

@@ -138,8 +138,9 @@ class GripperController:
         """Share of the way to the goal that the fingers have been led, 0..1."""
         return 1.0 - abs(self._goal - self._reference) / self._travel
 
-    def open(self) -> None:
-        """Sends the fingers apart."""
+    def open(self, fingers: Array) -> None:
+        """Sends the fingers (2,), m, apart, from where they are: a grip is let go at once."""
+        self._reference = float(fingers[0])
         self._send(self._travel)
 
     def close(self) -> None:

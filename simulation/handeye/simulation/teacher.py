@@ -78,7 +78,8 @@ class Teacher:
     def demonstrate(self, places: Sequence[Place], random: np.random.Generator, on_look: Callable[[], None]) -> str:
         """The lesson once with its objects at `places`. `random` draws the small motions.
 
-        Returns the demonstration's id.
+        Returns the demonstration's id. `ApiError` with the code "not_seen" when a subtask's start or goal is not seen
+        there; then the demonstration is taken back.
         """
         self._lab.reset(places[0].seed)
         for spec, place in zip(self._lesson.objects, places, strict=True):
@@ -87,8 +88,12 @@ class Teacher:
         with self._robot.lease():
             shown = self._client.begin_demonstration(self._task, self._lesson.objects[0].name).id
             recorder = _Recorder(self._client, shown, self._settle, on_look)
-            for move in moves:
-                self._show(recorder, self._led(move, random), random)
+            try:
+                for move in moves:
+                    self._show(recorder, self._led(move, random), random)
+            except ApiError:
+                self._client.delete_demonstration(shown)
+                raise
             recorder.finish()
         return shown
 
@@ -125,13 +130,13 @@ class Teacher:
         start = self._robot.state().joints
         for share in np.linspace(0.0, 1.0, move.looks + 2)[1:-1]:
             self._move(start + share * (goal - start))
-            recorder.look(move)
+            recorder.look_if_seen(move)
         self._move(goal)
         recorder.look(move, goal=True)
         if move.scatter is not None:
             for pose in move.scatter.draw(kinematics.forward(goal), random):
                 self._move(near(pose, goal))
-                recorder.look(move)
+                recorder.look_if_seen(move)
             self._move(goal)
         if move.elsewhere is not None:
             for joints in move.elsewhere.draw(goal, random):
@@ -175,7 +180,7 @@ class _Recorder:
         self._on_look()
 
     def look_if_seen(self, move: Move) -> None:
-        """Where the hand is too far aside to be seen whole there is nothing to record."""
+        """Where the hand is too far aside to be seen whole, or hides the object, there is nothing to record."""
         try:
             self.look(move)
         except ApiError as error:

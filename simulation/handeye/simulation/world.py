@@ -145,7 +145,7 @@ class World:
         with self.lock:
             self._require_idle()
             if opening:
-                self._physics.gripper.open()
+                self._physics.gripper.open(self._physics.fingers)
             else:
                 self._physics.gripper.close()
             self._physics.stillness.begin()
@@ -165,6 +165,11 @@ class World:
         with self.lock:
             self._physics.arm.brake()
             self._physics.gripper.hold(self._physics.fingers)
+
+    def let_go(self) -> None:
+        """Begins to open the gripper, also while the arm moves."""
+        with self.lock:
+            self._physics.gripper.open(self._physics.fingers)
 
     @property
     def busy(self) -> bool:

@@ -20,7 +20,7 @@ from handeye.robot_bridge.limits import (
     check_vector,
     stopped,
 )
-from handeye.rpc.errors import Busy, Internal, OutOfLimits, Unreachable
+from handeye.rpc.errors import Busy, Internal, OutOfLimits, Slipping, Unreachable
 from handeye.simulation import gripper, kinematics, puma
 from handeye.simulation.grasping import PARK
 from handeye.simulation.scene import STEP
@@ -192,7 +192,10 @@ class SimulatedRobot:
         return Pace(min(pace.speed, RAMP.speed), min(pace.acceleration, RAMP.acceleration))
 
     def _follow(self, done: Callable[[], bool], fraction: Callable[[], float], watch: Watch) -> None:
-        """Lets the world go on until `done`; what `watch` raises, or a stop, brakes the arm and leaves then."""
+        """Lets the world go on until `done`; what `watch` raises, or a stop, brakes the arm and leaves then.
+
+        `Slipping` opens the gripper meanwhile.
+        """
         failure: BaseException | None = None
         while not done():
             self._pass_step()
@@ -201,10 +204,13 @@ class SimulatedRobot:
                     watch(fraction())
                 except BaseException as error:
                     failure = error
-            if failure is not None or self._stop_reason is not None:
+                    self._world.brake()
+                    if isinstance(error, Slipping):
+                        self._world.let_go()
+            if self._stop_reason is not None:
                 self._world.brake()
-                if not self._world.busy:
-                    break
+            if (failure is not None or self._stop_reason is not None) and not self._world.busy:
+                break
         if failure is not None:
             raise failure
         self._require_unstopped()

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from handeye.client import ApiError
 from handeye.robot_bridge.driver import unwatched
 from handeye.simulation.collecting import collect
 from handeye.simulation.conditions import ORDINARY, Conditions
@@ -92,7 +93,13 @@ def _teach(site: Site, teacher: Teacher, course: Course, seed: int) -> int:
     shown = 0
     with site.progress(f"teaching: {course.name}", course.demonstrations) as advance:
         for place in places:
-            demonstration = teacher.demonstrate((place,), random, lambda: None)
+            try:
+                demonstration = teacher.demonstrate((place,), random, lambda: None)
+            except ApiError as error:
+                if error.code != "not_seen":
+                    raise
+                rejected += 1  # the hand hides the cup where it is to grasp
+                continue
             if lifted(site.lab.world(), CUP):
                 shown += 1
                 advance()
