@@ -58,7 +58,7 @@ class Client:
         self.arm = arm
         self.goals: dict[str, np.ndarray[Any, Any]] = {}
         self.hidden: set[bool] = set()
-        """Looks of the approach that see nothing: those at its goal (True), others (False); not that where it begins."""
+        """Looks of the approach that see nothing: those at its goal (True), others (False); not where it begins."""
         self.deleted: list[str] = []
 
     def begin_demonstration(self, _task: str, _object: str) -> SimpleNamespace:
