@@ -8,10 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from handeye.cli.up import Clock
 from handeye.simulation import rig
-from handeye.simulation.evaluation.outcome import Outcome, average, share
+from handeye.simulation.evaluation import site
+from handeye.simulation.evaluation.outcome import Earlier, Outcome, average, share
 from handeye.simulation.evaluation.saccade import after
+from handeye.simulation.evaluation.site import Evaluation, Trial
 from handeye.simulation.experimenter import GridView, evenly, thesis_views, volume_views
 from handeye.simulation.objects import GRID
 from handeye.simulation.profile import Profile
@@ -82,6 +86,32 @@ def test_an_outcome_is_a_page_and_numbers(tmp_path: Path) -> None:
     assert "A &lt;title&gt;" in page
     assert page.count("missed</span>") == 2
     assert "Error, in mm" in page
+
+
+def test_trials_of_other_seeds_are_pooled_with_those_of_before(tmp_path: Path) -> None:
+    assert Earlier.read(tmp_path, "try", [1]) == Earlier()
+    trials = tuple({"seed": seed, "error_mm": float(seed)} for seed in (1, 2, 2))
+    Outcome("try", "A title", (1, 2), (), trials, {}, (), 3.0).write(tmp_path)
+    assert Earlier.read(tmp_path, "try", [2, 3]) == Earlier(trials[:1], 3.0)
+
+
+def test_figures_are_made_of_the_trials_of_before_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def told(_evaluation: Evaluation, seed: int, *_: object) -> list[Trial]:
+        return [{"error_mm": float(seed)}]
+
+    monkeypatch.setattr(site, "_measured", told)
+    evaluation = Evaluation(
+        "try",
+        "A title",
+        lambda *_: [],
+        lambda trials: (average("error", [each["error_mm"] for each in trials], "mm"),),
+        lambda _trials: {},
+    )
+    earlier = Earlier(({"seed": 1, "error_mm": 1.0},), 5.0)
+    found = list(site.run(evaluation, [3, 5], 1, Clock.LOCKSTEP, Console(), earlier))
+    assert [each.seeds for each in found] == [(1, 3), (1, 3, 5)]
+    assert [each.figures[0].value for each in found] == [2.0, 3.0]
+    assert found[-1].seconds > 5.0
 
 
 def test_what_was_centred_before_stays_so() -> None:

@@ -120,17 +120,21 @@ def register(app: typer.Typer) -> None:
         trials: Annotated[int, typer.Option(min=1, help="Random trials for each seed.")] = 100,
         clock: Annotated[Clock, typer.Option(help="How world time passes; pursuit: realtime.")] = Clock.LOCKSTEP,
         report: Annotated[Path, typer.Option(help="Where the page and the numbers go.")] = Path("report"),
+        add: Annotated[bool, typer.Option("--add", help="Pool with what the report has of other seeds.")] = False,
     ) -> None:
         """Measure the hand-eye system in a lab of its own, and print the figures beside targets and thesis."""
         from handeye.cli.supervisor import signals_unwind
 
         with silence():
             from handeye.simulation.evaluation import EVALUATIONS, site
+            from handeye.simulation.evaluation.outcome import Earlier
         from rich.console import Console
 
         console = Console(stderr=True)
+        seeds = seed or [1]
+        earlier = Earlier.read(report, what.value, seeds) if add else Earlier()
         with signals_unwind():
-            for outcome in site.run(EVALUATIONS[what.value], seed or [1], trials, clock, console):
+            for outcome in site.run(EVALUATIONS[what.value], seeds, trials, clock, console, earlier):
                 outcome.write(report)  # after each seed: one that fails takes nothing with it
         Console().print(outcome.table())
         console.print(f"report: {report / f'{what.value}.html'}, {what.value}.json  ({outcome.seconds:.0f} s)")

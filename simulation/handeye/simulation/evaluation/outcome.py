@@ -111,6 +111,23 @@ def _rounded(value: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
+class Earlier:
+    """Trials of before, of other seeds, and how long they took, in s."""
+
+    trials: tuple[dict[str, Any], ...] = ()
+    seconds: float = 0.0
+
+    @classmethod
+    def read(cls, directory: Path, name: str, seeds: Sequence[int]) -> Earlier:
+        """What evaluation `name` has written into `directory`, without the trials of `seeds`; nothing if it has not."""
+        try:
+            told = json.loads((directory / f"{name}.json").read_text())
+        except FileNotFoundError:
+            return cls()
+        return cls(tuple(trial for trial in told["trials"] if trial["seed"] not in seeds), told["seconds"])
+
+
+@dataclass(frozen=True, slots=True)
 class Outcome:
     """What one evaluation found."""
 

@@ -18,7 +18,7 @@ from handeye.client import Client, HandeyeError
 from handeye.robot_bridge.remote import RemoteRobot
 from handeye.rpc import Bus
 from handeye.rpc.errors import RpcError
-from handeye.simulation.evaluation.outcome import Figure, Outcome
+from handeye.simulation.evaluation.outcome import Earlier, Figure, Outcome
 from handeye.simulation.experimenter import Experimenter
 from handeye.simulation.lab import LabClient
 from handeye.simulation.report import Picture
@@ -73,12 +73,19 @@ class Evaluation:
     """The one clock with which it means something; None: any."""
 
 
-def run(evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock, console: Console) -> Iterator[Outcome]:
+def run(
+    evaluation: Evaluation,
+    seeds: Sequence[int],
+    trials: int,
+    clock: Clock,
+    console: Console,
+    earlier: Earlier = Earlier(),  # noqa: B008 # it does not change
+) -> Iterator[Outcome]:
     """Measures for each seed on a stack of its own; after each of them, what the trials so far amount to."""
     started = time.monotonic()
-    told: list[Trial] = []
+    told: list[Trial] = list(earlier.trials)
     pictures: list[Picture] = []
-    for number, seed in enumerate(seeds, start=1):
+    for seed in seeds:
         told += [
             {"seed": seed, **trial}
             for trial in _measured(evaluation, seed, trials, evaluation.clock or clock, console, pictures)
@@ -86,12 +93,12 @@ def run(evaluation: Evaluation, seeds: Sequence[int], trials: int, clock: Clock,
         yield Outcome(
             evaluation.name,
             evaluation.title,
-            tuple(seeds[:number]),
+            tuple(dict.fromkeys(trial["seed"] for trial in told)),
             evaluation.figures(told),
             tuple(told),
             evaluation.histograms(told),
             tuple(pictures),
-            time.monotonic() - started,
+            earlier.seconds + time.monotonic() - started,
         )
 
 
