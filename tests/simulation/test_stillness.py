@@ -34,6 +34,21 @@ def test_an_arm_that_creeps_does_not() -> None:
     assert math.isinf(stillness.since(now))
 
 
+def test_what_twitches_for_ever_stands_still_after_a_while() -> None:
+    """As some grips do, by 0.25 mrad: it would never be looked at."""
+    stillness, _ = after(60, 0.19, speed=0.0, twitch=2.5e-4)
+    assert stillness.busy
+    stillness, now = after(200, 0.19, speed=0.0, twitch=2.5e-4)
+    assert not stillness.busy
+    assert stillness.since(now) < (now - 100) * STEP
+
+
+def test_an_arm_that_goes_on_does_not() -> None:
+    stillness, now = after(200, 0.19, speed=2e-2, twitch=0.0)
+    assert stillness.busy
+    assert math.isinf(stillness.since(now))
+
+
 def test_an_arm_that_has_just_come_to_its_place_does_not_yet() -> None:
     stillness, now = after(3, 0.19, speed=0.0, twitch=0.0)
     assert math.isinf(stillness.since(now))

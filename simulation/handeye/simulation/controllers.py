@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
@@ -15,8 +17,8 @@ Array = NDArray[np.float64]
 
 _POSITION_GAIN = 0.2
 _GEAR_FORCE = 500.0
-_STALLED_SPEED = 1e-3  # m/s
 _STALLED_STEPS = 12
+_STALLED_WAY = 1e-4  # m in so many steps
 
 
 class ArmController:
@@ -110,7 +112,7 @@ class GripperController:
         self._force = force
         self._travel = travel
         self._reference = self._goal = travel
-        self._stalled = _STALLED_STEPS
+        self._seen = deque([np.full(2, travel)] * (_STALLED_STEPS + 1), _STALLED_STEPS + 1)
         # The one constraint of the robot: finger to finger, never to an object. The master's force is shared by both.
         gear = pybullet.createConstraint(
             stage.robot,
@@ -130,8 +132,13 @@ class GripperController:
 
     @property
     def settled(self) -> bool:
-        """The fingers are where they were sent, or something between them holds them up."""
-        return self._stalled >= _STALLED_STEPS
+        """The fingers are where they were sent, or something between them holds them up.
+
+        On average over some steps: between them it may twitch.
+        """
+        if self._reference != self._goal or len(self._seen) <= _STALLED_STEPS:
+            return False
+        return bool(np.abs(self._seen[-1] - self._seen[0]).max() < _STALLED_WAY)
 
     @property
     def fraction(self) -> float:
@@ -167,11 +174,10 @@ class GripperController:
             physicsClientId=self._stage.client,
         )
 
-    def observe(self, speed: float) -> None:
-        """Takes note of the fingers' speed after a physics step, in m/s."""
-        still = self._reference == self._goal and abs(speed) < _STALLED_SPEED
-        self._stalled = self._stalled + 1 if still else 0
+    def observe(self, fingers: Array) -> None:
+        """Takes note of where the fingers (2,) are after a physics step, in m."""
+        self._seen.append(fingers)
 
     def _send(self, goal: float) -> None:
         self._goal = goal
-        self._stalled = 0
+        self._seen.clear()

@@ -135,18 +135,17 @@ class Physics:
 
     def _observe(self) -> None:
         """Reads the joints and judges whether arm and gripper stand still."""
-        self.gripper.observe(self._read_joints())
+        self._read_joints()
+        self.gripper.observe(self.fingers)
         led = self.arm.motion is not None or not self.gripper.settled
         self.stillness.observe(self.joints, led=led)
 
-    def _read_joints(self) -> float:
-        """Takes the positions; returns the greatest speed of the fingers, in m/s."""
+    def _read_joints(self) -> None:
         states = pybullet.getJointStates(
             self.stage.robot, (*ARM_JOINTS, FINGER_1, FINGER_2), physicsClientId=self.client
         )
         self.joints: Array = np.array([state[0] for state in states[:6]])
         self.fingers: Array = np.array([state[0] for state in states[6:]])
-        return float(max(abs(state[1]) for state in states[6:]))
 
     def _row(self) -> Row:
         """Joints, fingers, objects and liquid as they are."""

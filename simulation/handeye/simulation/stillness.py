@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from handeye.simulation.scene import STEP
 
-_STILL_SPEED = 2e-3  # rad/s, on average over so many steps: what is gripped may make a joint twitch
+_STILL_SPEED = 2e-3  # rad/s, on average over so many steps
 _STILL_STEPS = 6
+_TWITCH_SPEED = 1.5e-2  # rad/s: what is gripped may make joints twitch, by some 0.1 mm at the hand, for ever
+_TWITCHES = 72  # steps after which that counts as still
 _SETTLE_LIMIT = 480  # steps after which a motion is over, though something keeps the arm from standing still
 
 
@@ -39,7 +41,8 @@ class Stillness:
         passed = max(len(self._joints) - 1, 1) * STEP
         speed = float(np.max(np.abs(joints - self._joints[0]))) / passed
         self._unled = 0 if led else self._unled + 1
-        self._still = 0 if led or speed > _STILL_SPEED else self._still + 1
+        most = _STILL_SPEED if self._unled < _TWITCHES else _TWITCH_SPEED
+        self._still = 0 if led or speed > most else self._still + 1
         if self._still >= _STILL_STEPS or self._unled >= _SETTLE_LIMIT:
             self._busy = False
 
