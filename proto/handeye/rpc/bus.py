@@ -33,7 +33,6 @@ Replies = queue.SimpleQueue["zenoh.Reply | None"]
 """What Zenoh got for one request; None: no more will come."""
 
 T = TypeVar("T")
-log = structlog.get_logger()
 
 
 def _on_open_bus(act: Callable[..., T], *arguments: Any, **options: Any) -> T:
@@ -99,7 +98,7 @@ class Subscription(Closing, Generic[Res]):
             try:
                 self._callback(self._stream.message.FromString(sample.payload.to_bytes()))
             except Exception:
-                log.exception("stream callback failed", stream=str(self._stream))
+                structlog.get_logger().exception("stream callback failed", stream=str(self._stream))
 
 
 class Bus(Closing):
@@ -193,8 +192,7 @@ class Bus(Closing):
 
     def subscribe(self, stream: Stream[Res], callback: Callable[[Res], None] | None = None) -> Subscription[Res]:
         """Receives a stream; a slow receiver misses messages and sees the newest. See `Subscription`."""
-        where = key(self._cell, stream.service, stream.name)
-        return self._declare(Subscription[Res], where, stream, callback)
+        return self._declare(Subscription[Res], key(self._cell, stream.service, stream.name), stream, callback)
 
     def _declare(self, kind: Callable[..., T], *arguments: Any) -> T:
         declared = _on_open_bus(kind, self._session, *arguments)
