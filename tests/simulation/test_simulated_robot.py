@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from handeye.robot_bridge.driver import Pace, RobotDriver, Watch, unwatched
 from handeye.robot_bridge.drivers.simulated import SimulatedRobot
-from handeye.rpc.errors import Busy, InvalidArgument, OutOfLimits, Slipping, Stopped, Unreachable
+from handeye.rpc.errors import Busy, InvalidArgument, OutOfLimits, Stopped, Unreachable
 from handeye.simulation import grasping, gripper, kinematics, puma
 from handeye.simulation.objects import CUPS
 from handeye.simulation.scene import STEP
@@ -95,36 +95,6 @@ def test_progress_rises_to_one(robot: SimulatedRobot) -> None:
     assert seen == sorted(seen)
     assert seen[0] > 0
     assert seen[-1] == 1.0
-
-
-def test_what_slips_is_let_go_while_the_arm_brakes(world: World, robot: SimulatedRobot) -> None:
-    robot.close_gripper()
-    opened: list[float] = []
-
-    def watch(fraction: float) -> None:
-        if fraction > 0.3:
-            opened.append(world.time)
-            raise Slipping("the gripper has closed further")
-
-    with pytest.raises(Slipping):
-        robot.move_to_joints(AWAY, watch=watch)
-    state = robot.state()
-    assert (state.moving, state.stopped) == (False, False)
-    assert state.gripper_opening == pytest.approx(robot.description.gripper_range, abs=2e-3)
-    assert np.abs(state.joints - AWAY).max() > 0.05
-    in_time = world.state(opened[0] + 0.1)
-    assert in_time.fingers.sum() > 0.01  # long before the arm stands still
-
-
-def test_a_grip_is_let_go_at_once(world: World, robot: SimulatedRobot) -> None:
-    world.place(CUPS["blue cup"], (0.55, 0.0))
-    chain = grasping.solve_chain(np.array([0.55, 0.0]))
-    for goal in ("approach", "grasp"):
-        robot.move_to_joints(chain[goal])
-    held = robot.close_gripper()
-    robot.open_gripper()
-    after = world.state(held.world_time + 0.1)
-    assert after.fingers.sum() > held.gripper_opening + 0.008
 
 
 def test_adjustments_add_up_without_drift(robot: SimulatedRobot) -> None:

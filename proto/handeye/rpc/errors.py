@@ -70,7 +70,7 @@ class Cancelled(RpcError):
 
 
 class Slipping(RpcError):
-    """The gripper has closed further than it should during a motion: what it held slips, and the arm has braked."""
+    """The gripper closed further than it should: what it held slips. The arm has braked, and the gripper has opened."""
 
     code = rpc_pb2.ERROR_CODE_SLIPPING
 

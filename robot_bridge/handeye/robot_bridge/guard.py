@@ -85,8 +85,8 @@ class GuardedRobot:
     ) -> RobotState:
         """Changes the joints by `delta` in rad; what is checked is the present reading plus `delta`.
 
-        Once the gripper is closed further than `least_opening`, in m, the arm brakes: `Slipping`. That is felt here at
-        every control step; whoever hears of it over a network hears of it too late.
+        Once the gripper is closed further than `least_opening`, in m, the arm brakes and the gripper opens: `Slipping`.
+        That is felt here at every control step; whoever hears of it over a network hears of it too late.
         """
         with self._motion(watch) as watched:
             check_pace(pace)

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 GreyImage = NDArray[np.float32]
 
-CONVERGED = 4e-4
-"""Half sizes of the pattern: a step so small, about a hundredth of a pixel, ends the search."""
+_CONVERGED = 4e-4  # half sizes of the pattern: about a hundredth of a pixel
 
 _MIN_PIXELS = 36
 _FARTHEST = 4.0  # steps
@@ -134,7 +133,7 @@ def align(
     *,
     subsamples: int = 1,
     outlier: float = np.inf,
-    converged: float = CONVERGED,
+    converged: float = _CONVERGED,
     iterations: int = 8,
 ) -> Alignment | None:
     """Moves `pattern` from the warp `start` (3×3 image_from_pattern) until it fits `picture` best.

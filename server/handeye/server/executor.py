@@ -205,7 +205,7 @@ class Run:
             self._job.check()
             self._grip.require()
             before = self._robot.state()
-            after = self._grip.carry(joints + turn.angles - before.joints, seconds)
+            after = self._grip.carry(before.joints, joints + turn.angles - before.joints, seconds)
             early = seconds - (after.world_time - before.world_time)
             if early > 0.0:
                 self._robot.wait(early)
@@ -260,9 +260,9 @@ class Run:
     def _move(self, before: RobotState, way: Joints) -> tuple[float, ...]:
         """Goes; half of the way when the robot refuses the whole: an answer is least sure of its far end."""
         try:
-            after = self._grip.carry(way)
+            after = self._grip.carry(before.joints, way)
         except OutOfLimits:
-            after = self._grip.carry(way / 2)
+            after = self._grip.carry(before.joints, way / 2)
         return tuple(float(value) for value in after.joints - before.joints)
 
     def _record(

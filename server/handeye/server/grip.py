@@ -42,8 +42,8 @@ class Grip:
         self._robot.open_gripper()
         self._opening = None
 
-    def carry(self, delta: Joints, seconds: float | None = None) -> RobotState:
-        """Changes the joints by `delta` (rad), with what is held; returns what was reached.
+    def carry(self, start: Joints, delta: Joints, seconds: float | None = None) -> RobotState:
+        """Changes the joints from `start`, where they are, by `delta` (rad), with what is held; returns where it came.
 
         When that begins to slip, it is let go before the way is gone to its end: fingers that close over the rim of
         something pinch it away. `require` tells.
@@ -51,13 +51,12 @@ class Grip:
         least = 0.0
         if self.lets_go and self._opening is not None:
             least = max(0.0, self._opening - self._settings.slip_slack)
-        goal = self._robot.state().joints + delta
         try:
             reached = self._robot.adjust_joints(delta, seconds, least)
         except Slipping:
             self._slipped, self._opening = True, None
-            opened = self._robot.open_gripper()
-            reached = self._robot.adjust_joints(goal - opened.joints, seconds)
+            opened = self._robot.open_gripper()  # fully: the bridge has begun to
+            reached = self._robot.adjust_joints(start + delta - opened.joints, seconds)
         self._carried.append(reached.joints)
         return reached
 

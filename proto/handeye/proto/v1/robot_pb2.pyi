@@ -480,7 +480,7 @@ class AdjustJointsRequest(_message.Message):
     lease_id: _builtins.str
     """The caller's lease."""
     least_opening: _builtins.float
-    """SLIPPING, and the arm brakes, once the gripper is closed further than this, in m. 0: never."""
+    """Once the gripper is closed further than this, in m, the arm brakes and the gripper opens: SLIPPING. 0: never."""
     @_builtins.property
     def pace(self) -> Global___Pace:
         """How fast."""

@@ -46,7 +46,7 @@ class _ErrorCodeEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ErrorCode.V
     ERROR_CODE_INTERNAL: _ErrorCode.ValueType  # 10
     """The handler raised something that is none of the above: a bug on the server's side."""
     ERROR_CODE_SLIPPING: _ErrorCode.ValueType  # 11
-    """The gripper has closed further than it should during a motion: what it held slips, and the arm has braked."""
+    """The gripper closed further than it should during a motion: what it held slips. The arm has braked, the gripper opened."""
 
 class ErrorCode(_ErrorCode, metaclass=_ErrorCodeEnumTypeWrapper):
     """What went wrong with a call. Each code is one exception class in handeye.rpc.errors."""
@@ -74,7 +74,7 @@ ERROR_CODE_CANCELLED: ErrorCode.ValueType  # 9
 ERROR_CODE_INTERNAL: ErrorCode.ValueType  # 10
 """The handler raised something that is none of the above: a bug on the server's side."""
 ERROR_CODE_SLIPPING: ErrorCode.ValueType  # 11
-"""The gripper has closed further than it should during a motion: what it held slips, and the arm has braked."""
+"""The gripper closed further than it should during a motion: what it held slips. The arm has braked, the gripper opened."""
 Global___ErrorCode: _TypeAlias = ErrorCode  # noqa: Y015
 
 @_typing.final

@@ -79,7 +79,7 @@ def run(
     trials: int,
     clock: Clock,
     console: Console,
-    earlier: Earlier = Earlier(),  # noqa: B008 # it does not change
+    earlier: Earlier,
 ) -> Iterator[Outcome]:
     """Measures for each seed on a stack of its own; after each of them, what the trials so far amount to."""
     started = time.monotonic()
