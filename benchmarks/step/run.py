@@ -20,7 +20,6 @@ from benchmarks.step.taught import TASK, coordinator, teach
 from handeye.camera_bridge.remote import RemoteCameras
 from handeye.modules.module import warm_up
 from handeye.server import executor, reach
-from handeye.server.acting_jobs import ActingJobs
 from handeye.server.chain import Chain
 from handeye.server.eyes import Eyes, Vision
 from handeye.server.jobs import Job
@@ -42,8 +41,7 @@ PARTS = {
     "recognise": "object and hand found (task), hand found (reach)",
     "answer": "ASM and IJS, or CSS, CAS and AJS, with support and neighbours",
     "jpeg": "the look's picture, marked and encoded",
-    "keep": "that picture in the store, durable",
-    "publish": "record and event in the store, durable, and told",
+    "publish": "picture, record and event in the store, durable, and told",
 }
 
 
@@ -106,11 +104,6 @@ def ended(job: Job) -> None:
 @contextmanager
 def parts_of(watch: Stopwatch) -> Iterator[None]:
     """Meanwhile the stopwatch looks at where the coordinator's time goes. No part is within another."""
-    keeper = ActingJobs.picture_keeper
-
-    def timed_keeper(self: ActingJobs, job: Job) -> Callable[[bytes], int]:
-        return watch.timed("keep", keeper(self, job))
-
     with ExitStack() as looking:
         for owner, name, part in (
             (Vision, "see", "recognise"),
@@ -124,8 +117,6 @@ def parts_of(watch: Stopwatch) -> Iterator[None]:
         ):
             looking.enter_context(watch.watching(owner, name, part))
         looking.enter_context(watch.watching(Eyes, "grab", "pictures", begins=True))
-        setattr(ActingJobs, "picture_keeper", timed_keeper)  # noqa: B010 # mypy lets no method be assigned to
-        looking.callback(setattr, ActingJobs, "picture_keeper", keeper)
         yield
 
 

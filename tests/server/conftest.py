@@ -26,6 +26,7 @@ from handeye.server.access import Access, LimitSettings, Tokens
 from handeye.server.app import create_app
 from handeye.server.control import Control
 from handeye.server.coordinator import Coordinator
+from handeye.server.demonstration import Action
 from handeye.server.metrics import Metrics
 from handeye.server.results import TrainStatistics
 from handeye.server.settings import ServerSettings
@@ -38,6 +39,10 @@ JOINTS = 6
 STEP = 0.01
 LATENCY = 0.05
 PARK = np.array([0.5, -0.5, 0.4, 0.0, 0.3, 0.0])
+
+Part = tuple[str, float, Action | None]
+"""A subtask as it is shown: its name, how many rad above the cup it ends, what the gripper does then."""
+GRASP: tuple[Part, ...] = (("grasp", 0.0, "close_gripper"), ("lift", -0.4, None))
 
 
 @dataclass
@@ -342,7 +347,7 @@ class Lab:
         assert isinstance(result, TrainStatistics), job.view().error
         return result
 
-    def teach(self, cups: list[tuple[float, float]], task: str = "grasp") -> None:
+    def teach(self, cups: list[tuple[float, float]], task: str = "grasp", parts: tuple[Part, ...] = GRASP) -> None:
         """Shows the task once for each place (row, column) of the cup, with scattered observations."""
         coordinator, world = self.coordinator, self.world
         random = np.random.default_rng(7)
@@ -351,17 +356,17 @@ class Lab:
         for row, column in cups:
             world.cup = np.array([row, column, 150.0])
             shown = coordinator.demonstrations.begin(task, "blue cup").id
-            for subtask, start, goal, action in (
-                ("grasp", PARK, world.goal_joints(), "close_gripper"),
-                ("lift", world.goal_joints(), world.goal_joints(lift=-0.4), None),
-            ):
+            start = PARK
+            for subtask, lift, action in parts:
+                goal = world.goal_joints(lift)
                 for share in (0.0, 0.5, 0.8, 0.95, 1.0):
                     scatter = random.normal(0.0, 0.02, JOINTS) if 0.0 < share < 1.0 else 0.0
                     world.joints = start + share * (goal - start) + scatter
                     world.time += LATENCY
                     coordinator.observe(shown, subtask, goal=share == 1.0, key=share == 0.0)
-                if action == "close_gripper":
-                    coordinator.demonstrations.act(shown, subtask, "close_gripper")
+                if action is not None:
+                    coordinator.demonstrations.act(shown, subtask, action)
+                start = goal
             coordinator.demonstrations.finish(shown)
         world.joints = PARK.copy()
 

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from handeye.server.acting import ActingSettings
 from handeye.server.results import JobView, RunResult
 from handeye.server.settings import ServerSettings
-
-if TYPE_CHECKING:
-    from tests.server.conftest import Lab
+from tests.server.conftest import GRASP, Lab, Part
 
 UNTAUGHT = np.array([233.0, 337.0, 150.0])  # between the taught places
 FAR = np.array([100.0, 600.0, 150.0])
 
 
-def train(lab: Lab, **settings: object) -> None:
-    """Teaches the grasp on a grid of places; acting settings may be changed."""
+def train(lab: Lab, parts: tuple[Part, ...] = GRASP, **settings: object) -> None:
+    """Teaches the grasp on a grid of places, in parts; acting settings may be changed."""
     lab.coordinator.settings = ServerSettings(acting=ActingSettings.model_validate(settings))
-    lab.teach(lab.places)
+    lab.teach(lab.places, parts=parts)
     lab.train()
     lab.world.cup = UNTAUGHT
     lab.robot.commands.clear()

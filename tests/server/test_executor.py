@@ -316,9 +316,7 @@ def test_the_newest_jobs_and_pictures_are_kept(lab: Lab) -> None:
     coordinator = lab.coordinator
     jobs = Jobs(coordinator.store, kept=2)
     settings = ServerSettings(pictures_kept=1)
-    coordinator.acting = ActingJobs(
-        coordinator.store, jobs, coordinator.robot, coordinator.control, coordinator.eyes, settings
-    )
+    coordinator.acting = ActingJobs(jobs, coordinator.robot, coordinator.control, coordinator.eyes, settings)
     ids = []
     for _ in range(3):
         job = lab.coordinator.run("grasp", "blue cup", one_look=True)

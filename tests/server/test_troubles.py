@@ -80,6 +80,27 @@ def test_what_is_held_is_put_back_where_it_was_taken(lab: Lab, monkeypatch: pyte
     assert left == [pytest.approx(taken[0], abs=1e-9)]
 
 
+def test_it_goes_back_the_way_that_it_came(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The straight way from a cup that could not be grasped to the beginning may lead through the cup."""
+    train(lab, (("approach", -0.2, None), ("grasp", 0.0, "close_gripper")), attempts=2)
+    adjust, stops = lab.robot.adjust_joints, [lab.world.joints]
+
+    def adjusting(delta: Joints, *more: Any) -> RobotState:
+        after = adjust(delta, *more)
+        stops.append(after.joints)
+        if after.joints[3] > -0.02:  # at the cup, which is taken away
+            lab.world.cup = FAR
+        return after
+
+    monkeypatch.setattr(lab.robot, "adjust_joints", adjusting)
+    job = run(lab)
+    assert [part.name for part in done(job).subtasks][:2] == ["approach", "grasp"]
+    far = next(number for number, joints in enumerate(stops) if number and joints[3] > -0.02)
+    came, back = stops[1:far], stops[far + 1 :]
+    assert came
+    assert np.array(back[-len(came) - 1 :]) == pytest.approx(np.array([*reversed(came), stops[0]]), abs=1e-9)
+
+
 def test_a_gripper_that_has_closed_on_nothing_is_noticed(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
     train(lab, attempts=1)
     close = lab.robot.close_gripper

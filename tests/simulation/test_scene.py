@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import cv2
@@ -9,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handeye.simulation import grasping, gripper, kinematics
+from handeye.simulation import grasping, gripper, kinematics, rig
 from handeye.simulation.objects import CUPS, GRID, grid_pitch, grid_points
 from handeye.simulation.pose import Pose, quaternion, rotation
 from handeye.simulation.profile import Profile
-from handeye.simulation.scene import Stage, build
+from handeye.simulation.scene import WORKSPACE_CENTRE, WORKSPACE_SIZE, Stage, build
 from handeye.simulation.world import World
 
 
@@ -50,6 +51,20 @@ def test_marker_faces_the_rig_at_park() -> None:
     marker = kinematics.forward(grasping.PARK) @ gripper.TOOL_FROM_MARKER
     to_rig = np.array([1.42, 0.0, 0.66]) - marker[:3, 3]
     assert marker[:3, 2] @ to_rig / np.linalg.norm(to_rig) > np.cos(np.radians(25))
+
+
+@pytest.mark.parametrize("camera", ["left", "right"])
+def test_no_edge_of_the_marker_lies_along_pixels(camera: rig.CameraName) -> None:
+    """Where cups stand: along a row or column of pixels, where an edge lies could hardly be seen."""
+    half = gripper.MARKER_SIDE / 2
+    square = np.array([[-half, half, 0, 1], [half, half, 0, 1], [half, -half, 0, 1], [-half, -half, 0, 1]])
+    for x, y in itertools.product(np.linspace(-0.5, 0.5, 5), repeat=2):
+        for joints in grasping.solve_chain(WORKSPACE_CENTRE + WORKSPACE_SIZE * np.array([x, y])).values():
+            corners = square @ (kinematics.forward(joints) @ gripper.TOOL_FROM_MARKER).T
+            seen = rig.project(corners[:, :3], camera, *rig.rig().head.home, Profile.named("default"))
+            rows, columns = (np.roll(seen, -1, axis=0) - seen).T
+            off = np.abs((np.degrees(np.arctan2(rows, columns)) + 45.0) % 90.0 - 45.0)
+            assert off.min() > 12.0
 
 
 def test_grid_has_nine_by_nine_intersections_in_forty_centimetres(stage: Stage) -> None:

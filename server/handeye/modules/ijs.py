@@ -47,8 +47,8 @@ IN_HAND = ModuleDeclaration(
     inputs=(
         Component(name="subtask", unit="", categorical=True),
         *(Component(name=axis, unit="m", scale=0.05) for axis in ("right", "up", "out")),
-        # The way alone says nearly all; joints tell where it does not change, as while something is carried.
-        *(Component(name=f"joint {i}", unit="rad", scale=10.0) for i in range(1, JOINTS + 1)),
+        # The way alone says nearly all; joints tell what the arm is like there (docs/decisions/021).
+        *(Component(name=f"joint {i}", unit="rad", scale=2.0) for i in range(1, JOINTS + 1)),
     ),
     outputs=DECLARATION.outputs,
     approximator=ApproximatorSettings(method="local_quadratic", neighbours=None, ridge=1e-3, curvature_ridge=1e-2),

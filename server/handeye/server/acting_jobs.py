@@ -8,13 +8,12 @@ from collections.abc import Callable
 from handeye.robot_bridge.driver import Pace, RobotState
 from handeye.rpc.errors import Busy
 from handeye.server.acting import ActingHead, ActingRobot, LeasedRobot
+from handeye.server.album import Album
 from handeye.server.control import Control
 from handeye.server.eyes import Eyes
 from handeye.server.jobs import Job, Jobs, Kind
 from handeye.server.looking import Looker
 from handeye.server.settings import ServerSettings
-from handeye.server.store import Store
-from handeye.server.store import jobs as stored_jobs
 
 Work = Callable[[Job, ActingRobot, Looker], None]
 """What a job does: it is given robot and eyes as an acting task may use them."""
@@ -23,11 +22,8 @@ Work = Callable[[Job, ActingRobot, Looker], None]
 class ActingJobs:
     """Starts them; at most one at a time acts."""
 
-    def __init__(
-        self, store: Store, jobs: Jobs, robot: LeasedRobot, control: Control, eyes: Eyes, settings: ServerSettings
-    ) -> None:
+    def __init__(self, jobs: Jobs, robot: LeasedRobot, control: Control, eyes: Eyes, settings: ServerSettings) -> None:
         self.robot = robot
-        self._store = store
         self._jobs = jobs
         self._control = control
         self._eyes = eyes
@@ -46,14 +42,9 @@ class ActingJobs:
 
         return self._jobs.start(kind, subject, object_name, begin, acts=True)
 
-    def picture_keeper(self, job: Job) -> Callable[[bytes], int]:
-        """What keeps a job's pictures, and returns each one's number."""
-
-        def keep(picture: bytes) -> int:
-            with self._store.write() as connection:
-                return stored_jobs.add_picture(connection, job.id, picture, self._settings.pictures_kept)
-
-        return keep
+    def album(self, job: Job) -> Album:
+        """For the pictures of a job's looks."""
+        return Album(job.id, self._settings.pictures_kept)
 
     def resting_state(self) -> RobotState:
         """The robot's state; `Busy` unless the arm stands still."""

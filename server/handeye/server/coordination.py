@@ -59,7 +59,7 @@ class Coordination:
                 self.settings.reaching,
                 self.settings.acting.thinking,
                 job,
-                self._acting.picture_keeper(job),
+                self._acting.album(job),
             )
             assert target is not None  # noqa: S101 # for the type checker: the request has one of them
             reach.execute(target, one_look=request.one_look)

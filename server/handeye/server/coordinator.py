@@ -66,7 +66,7 @@ class Coordinator:
         self.demonstrations = Demonstrations(store)
         self.tasks = Tasks(store, self.modules)
         self.jobs = Jobs(store, settings.jobs_kept, on_job_end)
-        self.acting = ActingJobs(store, self.jobs, robot, control, self.eyes, settings)
+        self.acting = ActingJobs(self.jobs, robot, control, self.eyes, settings)
         self.coordination = Coordination(self.acting, self.modules, self.objects, self.eyes, settings)
         self.closing = threading.Event()
         """Set when the coordinator ends: what goes on and on ends then."""
@@ -224,9 +224,9 @@ class Coordinator:
             settings = settings.model_copy(update={"least_support": least_support})
 
         def work(job: Job, robot: ActingRobot, looker: Looker) -> None:
-            keep = self.acting.picture_keeper(job)
+            album = self.acting.album(job)
             felt = FeltHand(lambda: [self.demonstrations.get(each) for each in skill.demonstrations])
-            run = Run(skill, object_name, robot, looker, self.eyes, settings, job, keep, felt, one_look=one_look)
+            run = Run(skill, object_name, robot, looker, self.eyes, settings, job, album, felt, one_look=one_look)
             run.execute()
 
         return self.acting.start("run", task, object_name, work)

@@ -8,7 +8,7 @@ answered from the last look, all of it at once, and followed in the time that it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +21,7 @@ from handeye.modules.spaces import ImagePair, JointDifference
 from handeye.robot_bridge.driver import Joints, RobotState
 from handeye.rpc.errors import OutOfLimits, RpcError
 from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegion, too_far
+from handeye.server.album import Album, Picture
 from handeye.server.demonstration import Subtask
 from handeye.server.eyes import Eyes, Sighting
 from handeye.server.felt import FeltHand
@@ -73,7 +74,7 @@ class Run:
         eyes: Eyes,
         settings: ActingSettings,
         job: Job,
-        keep_picture: Callable[[bytes], int],
+        album: Album,
         felt: FeltHand,
         *,
         one_look: bool,
@@ -85,7 +86,7 @@ class Run:
         self._eyes = eyes
         self._settings = settings
         self._job = job
-        self._keep_picture = keep_picture
+        self._album = album
         self._one_look = one_look
         self._subtasks: list[SubtaskRecord] = []
         self._felt = felt
@@ -125,11 +126,11 @@ class Run:
         self._grip.require()
 
     def _begin_again(self, start: Joints, trouble: Exception) -> None:
-        """Puts back what is held, opens the gripper and goes to where the arm was at first."""
+        """Puts back what is held, opens the gripper and goes back to where the arm was at first."""
         if self._subtasks[-1].state == "running":
             self._update("subtask", state="failed")
         self._job.publish("again", {"message": str(trouble)}, self._result())
-        self._grip.put_back()
+        self._grip.go_back()
         self._robot.adjust_joints(start - self._robot.at_rest().joints)
 
     def _do(self, subtask: Subtask, *, final: bool) -> None:
@@ -222,15 +223,14 @@ class Run:
         """The object that a subtask is towards."""
         return self._object if subtask.object is None else subtask.object
 
-    def _look(self, towards: str) -> tuple[RobotState, Sighting, ImagePair, int]:
+    def _look(self, towards: str) -> tuple[RobotState, Sighting, ImagePair, Picture]:
         """The state at rest, and a pair that shows it; raises `NotSeen` when object or hand is not found."""
         state, pair = self._looker.look()
         sighting = self._recognise(pair, towards, state.joints)
-        picture = self._keep_picture(side_by_side(pair.left.image, pair.right.image, sighting.found))
+        picture = self._album.picture(side_by_side(pair.left.image, pair.right.image, sighting.found))
         if isinstance(sighting.found, NotSeen):
-            self._job.publish(
-                "not_seen", {"message": str(sighting.found), "picture": self._path(picture)}, self._result()
-            )
+            data = {"message": str(sighting.found), "picture": picture.path}
+            self._job.publish("not_seen", data, self._result(), picture.keep)
             raise sighting.found
         return state, sighting, sighting.found, picture
 
@@ -267,7 +267,7 @@ class Run:
 
     def _record(
         self,
-        number: int,
+        picture: Picture,
         sighting: Sighting,
         found: ImagePair,
         turn: JointDifference,
@@ -275,7 +275,7 @@ class Run:
         moved: tuple[float, ...],
     ) -> None:
         look = LookRecord(
-            number=number,
+            number=picture.number,
             world_time=sighting.world_time,
             object=(found.object.row, found.object.column, found.object.disparity),
             hand=(found.hand.row, found.hand.column, found.hand.disparity),
@@ -284,13 +284,11 @@ class Run:
             support=answer.support,
             neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
             moved=moved,
-            picture=self._path(number),
+            picture=picture.path,
         )
         self._subtasks[-1] = self._subtasks[-1].model_copy(update={"looks": (*self._subtasks[-1].looks, look)})
-        self._job.publish("look", {"subtask": self._subtasks[-1].name, **look.model_dump(mode="json")}, self._result())
-
-    def _path(self, number: int) -> str:
-        return f"/v1/jobs/{self._job.id}/looks/{number}.jpg"
+        data = {"subtask": self._subtasks[-1].name, **look.model_dump(mode="json")}
+        self._job.publish("look", data, self._result(), picture.keep)
 
     def _update(self, kind: str, **changes: object) -> None:
         self._subtasks[-1] = self._subtasks[-1].model_copy(update=changes)

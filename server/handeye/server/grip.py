@@ -22,8 +22,10 @@ class Grip:
         self._settings = settings
         self._opening: float | None = None
         """How far it was open when it had closed, in m; None while it is open."""
+        self._came: list[Joints] = []
+        """Where the arm has stopped since the gripper was opened, in rad, until it was closed."""
         self._carried: list[Joints] = []
-        """Where the arm has stopped since then, in rad."""
+        """Where it has stopped since then."""
         self._slipped = False
         """What it held has begun to slip, and was let go."""
         self.lets_go = True
@@ -40,7 +42,7 @@ class Grip:
         """Opens it; `LostGrip` when something should have been held until now and was not."""
         self.require()
         self._robot.open_gripper()
-        self._opening = None
+        self._opening, self._came, self._carried = None, [], []
 
     def carry(self, start: Joints, delta: Joints, seconds: float | None = None) -> RobotState:
         """Changes the joints from `start`, where they are, by `delta` (rad), with what is held; returns where it came.
@@ -57,7 +59,7 @@ class Grip:
             self._slipped, self._opening = True, None
             opened = self._robot.open_gripper()  # fully: the bridge has begun to
             reached = self._robot.adjust_joints(start + delta - opened.joints, seconds)
-        self._carried.append(reached.joints)
+        (self._carried or self._came).append(reached.joints)
         return reached
 
     def require(self) -> None:
@@ -71,13 +73,21 @@ class Grip:
         """Whether the gripper has closed on something that it still feels."""
         return self._opening is not None and not self._holds_nothing(self._opening)
 
-    def put_back(self) -> None:
-        """Carries what is held back where it was gripped, the way that it came: there it was free; and lets go."""
-        if self.holds():
-            for joints in reversed(self._carried):
-                self._robot.adjust_joints(joints - self._robot.at_rest().joints)
+    def go_back(self) -> None:
+        """Carries what is held back where it was gripped, lets go, and goes back from there: the way that it came,
+        which was free. An arm that has lost what it carried is elsewhere: it opens the gripper and stays."""
+        lost = not self.holds() and len(self._carried) > 1
+        if not lost:
+            self._retrace(self._carried)
         self._robot.open_gripper()
+        if not lost:
+            self._retrace(self._came)
         self._opening, self._slipped = None, False
+        self._came, self._carried = [], []
+
+    def _retrace(self, stops: list[Joints]) -> None:
+        for joints in reversed(stops):
+            self._robot.adjust_joints(joints - self._robot.at_rest().joints)
 
     def _holds_nothing(self, gripped: float) -> bool:
         """Closed that far that nothing is between the fingers, or further than when it had gripped."""

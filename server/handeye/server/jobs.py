@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import structlog
 from pydantic import BaseModel
+from sqlalchemy import Connection
 
 from handeye.server.problem import Conflict, NotFound, error_code, error_sentence
 from handeye.server.results import JobError, JobState, JobView
@@ -90,13 +91,20 @@ class Job:
                 }
             )
 
-    def publish(self, kind: str, data: dict[str, Any], result: BaseModel) -> None:
-        """Adds an event and replaces the result by the newer one; both are durable before anybody hears of them."""
+    def publish(
+        self, kind: str, data: dict[str, Any], result: BaseModel, also: Callable[[Connection], object] | None = None
+    ) -> None:
+        """Adds an event and replaces the result by the newer one; both are durable before anybody hears of them.
+
+        `also` writes down what belongs to them, in the same transaction.
+        """
         content, number = result.model_dump(mode="json"), self._newest + 1
         # Not under the lock: who holds the store asks jobs whether they have ended.
         with self._store.write() as connection:
             stored.update(connection, self.id, result=dumps(content))
             stored.add_event(connection, self.id, number, kind, data)
+            if also is not None:
+                also(connection)
         with self._changed:
             self._result = content
             self._append(kind, data)

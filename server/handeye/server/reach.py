@@ -6,8 +6,6 @@ way, from the pictures into the arm's frame: what that way gets wrong there is w
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,6 +14,7 @@ from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ArmPoint, Floats, HeadAngles, ImagePair, ImagePoint, JointAngles, JointDifference
 from handeye.robot_bridge.driver import RobotState
 from handeye.server.acting import ActingRobot, OutsideTaughtRegion, too_far
+from handeye.server.album import Album
 from handeye.server.chain import Chain, Said
 from handeye.server.eyes import Eyes
 from handeye.server.jobs import Job
@@ -71,7 +70,7 @@ class Reach:
         settings: ReachSettings,
         thinking: float,
         job: Job,
-        keep_picture: Callable[[bytes], int],
+        album: Album,
     ) -> None:
         """`thinking`: world time that each look is charged in lockstep, in s."""
         self._chain = chain
@@ -81,7 +80,7 @@ class Reach:
         self._settings = settings
         self._thinking = thinking
         self._job = job
-        self._keep_picture = keep_picture
+        self._album = album
         self._looks: list[ReachLook] = []
 
     def execute(self, target: ImagePoint | str, *, one_look: bool) -> None:
@@ -136,9 +135,9 @@ class Reach:
         try:
             return self._eyes.find(pair, None)
         except NotSeen as missing:
-            number = self._keep_picture(side_by_side(pair.left.image, pair.right.image, missing))
-            data = {"message": str(missing), "picture": self._path(number)}
-            self._job.publish("not_seen", data, self._result())
+            picture = self._album.picture(side_by_side(pair.left.image, pair.right.image, missing))
+            data = {"message": str(missing), "picture": picture.path}
+            self._job.publish("not_seen", data, self._result(), picture.keep)
             raise
 
     def _refusal(self, turn: JointDifference, answers: tuple[Said, ...]) -> Exception | None:
@@ -167,7 +166,7 @@ class Reach:
         answers: tuple[Said, ...],
         moved: tuple[float, ...],
     ) -> None:
-        picture = self._keep_picture(side_by_side(pair.left.image, pair.right.image, ImagePair(target, hand)))
+        picture = self._album.picture(side_by_side(pair.left.image, pair.right.image, ImagePair(target, hand)))
         look = ReachLook(
             number=len(self._looks),
             world_time=pair.left.world_time,
@@ -177,13 +176,10 @@ class Reach:
             delta=() if turn is None else tuple(turn.angles.tolist()),
             moved=moved,
             answers=tuple(map(_answer_record, answers)),
-            picture=self._path(picture),
+            picture=picture.path,
         )
         self._looks.append(look)
-        self._job.publish("look", look.model_dump(mode="json"), self._result())
-
-    def _path(self, number: int) -> str:
-        return f"/v1/jobs/{self._job.id}/looks/{number}.jpg"
+        self._job.publish("look", look.model_dump(mode="json"), self._result(), picture.keep)
 
     def _result(self) -> ReachResult:
         return ReachResult(looks=tuple(self._looks))

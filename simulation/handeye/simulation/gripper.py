@@ -46,6 +46,7 @@ _PALM_DEPTH, _PALM_FACE = 0.05, -0.075
 _FINGER_THICKNESS = 0.012
 _FINGER_MASS = 0.06
 _PLATE_ELEVATION = math.radians(50.0)
+_PLATE_TURN = math.radians(22.5)
 _PLATE_CENTRE = (-0.074, 0.0, -0.100)
 _DARK, _STEEL, _RUBBER = (0.20, 0.21, 0.23), (0.42, 0.44, 0.47), (0.12, 0.12, 0.12)
 _WHITE, _BLACK = (1.0, 1.0, 1.0), (0.02, 0.02, 0.02)
@@ -55,10 +56,13 @@ def _plate_pose() -> Array:
     """tool_from_marker: x to the marker's right as it is read, y up, z out of the plate towards its reader.
 
     The normal leans from the approach direction upwards (−x) by more than the tool is pitched down, so that it
-    points at the rig, which looks down at the workspace from the front.
+    points at the rig, which looks down at the workspace from the front. It is turned in its own plane, so that the
+    marker's edges cross the pixels' rows and columns: along them, every pixel of an edge would tell the same
+    (docs/decisions/024).
     """
     c, s = math.cos(_PLATE_ELEVATION), math.sin(_PLATE_ELEVATION)
-    normal, right = np.array([-s, 0.0, c]), np.array([0.0, 1.0, 0.0])
+    normal, level = np.array([-s, 0.0, c]), np.array([0.0, 1.0, 0.0])
+    right = math.cos(_PLATE_TURN) * level + math.sin(_PLATE_TURN) * np.cross(normal, level)
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(normal, right), normal
     pose[:3, 3] = _PLATE_CENTRE

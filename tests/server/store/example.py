@@ -53,7 +53,7 @@ def fill(store: Store, samples: int = 300, pictures: int = 2) -> None:
             jobs.create(connection, name, "run", "grasp", "blue cup")
             jobs.update(connection, name, state="succeeded", result=rows.dumps({"looks": list(range(50))}), started=1.5)
             jobs.add_event(connection, name, 1, "state", {"state": "running"})
-            jobs.add_picture(connection, name, random.bytes(6000), 20)
+            jobs.add_picture(connection, name, 0, random.bytes(6000), 20)
         replies.remember(connection, "key-1", "fingerprint", replies.Reply(201, "/v1/modules/reach", '{"a":1}'))
         rows.add(
             connection, tokens, id="t1", name="first", role="admin", digest="ab" * 32, created=rows.now(), expires=None

@@ -76,16 +76,13 @@ def prune(connection: Connection, kept: int) -> None:
     connection.execute(delete(jobs).where(old))
 
 
-def add_picture(connection: Connection, name: str, image: bytes, runs_kept: int) -> int:
-    """Keeps a look's picture and returns its number, from 0; the newest `runs_kept` jobs with looks keep theirs."""
-    mine = select(func.count()).select_from(look_pictures).where(look_pictures.c.job == name)
-    number = int(connection.execute(mine).scalar_one())
+def add_picture(connection: Connection, name: str, number: int, image: bytes, runs_kept: int) -> None:
+    """Keeps a job's picture, numbered from 0; the newest `runs_kept` jobs with looks keep theirs."""
     add(connection, look_pictures, job=name, number=number, image=image)
     if number == 0:
         pictured = select(jobs.c.id).where(jobs.c.kind.in_(_PICTURED))
         newest = pictured.order_by(jobs.c.number.desc()).limit(runs_kept)
         connection.execute(delete(look_pictures).where(look_pictures.c.job.not_in(newest)))
-    return number
 
 
 def picture(connection: Connection, name: str, number: int) -> bytes | None:
