@@ -19,11 +19,13 @@ from handeye.server.problem import NotFound
 from handeye.server.results import JobState, JobView
 from handeye.server.settings import ServerSettings
 from handeye.server.store import jobs as stored_jobs
+from handeye.server.training import TrainedTask
 from tests.server.running import FAR, UNTAUGHT, done, miss, run, train
 
 if TYPE_CHECKING:
     from handeye.camera_bridge.driver import Image, Tick
-    from handeye.modules.spaces import ImagePoint
+    from handeye.modules.answers import Answer
+    from handeye.modules.spaces import ImagePoint, JointDifference
     from tests.server.conftest import Lab
 
 
@@ -182,6 +184,25 @@ def test_an_answer_that_asks_for_too_large_a_move_is_refused(lab: Lab) -> None:
     assert job.error is not None
     assert "joint" in job.error.message
     assert "adjust_joints" not in lab.robot.commands
+
+
+@pytest.mark.parametrize(("joint", "code"), [(4, None), (0, "not_aligned")])
+def test_what_brings_the_hand_nowhere_does_not_matter(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch, joint: int, code: str | None
+) -> None:
+    """Answers that ask for a little more again and again: a stretched arm's elbow may turn, and the hand stays."""
+    train(lab)
+    answering = TrainedTask.answer
+
+    def asking(self: TrainedTask, *query: Any) -> tuple[JointDifference, Answer]:
+        turn, answer = answering(self, *query)
+        if query[0] == "grasp":
+            turn.angles[joint] = 0.01
+        return turn, answer
+
+    monkeypatch.setattr(TrainedTask, "answer", asking)
+    job = run(lab)
+    assert (None if job.error is None else job.error.code) == code
 
 
 def test_a_camera_that_is_gone_stops_the_arm(lab: Lab) -> None:

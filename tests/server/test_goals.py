@@ -33,30 +33,6 @@ def test_an_answer_that_says_something_else_stands_alone() -> None:
     assert goals.mean(HERE, turn(0.062))[0] == pytest.approx(0.061, abs=1e-4)
 
 
-@pytest.mark.parametrize(("asked", "looks"), [(0.5, 3), (0.2, 6), (1.0, 2)])
-def test_where_answers_are_too_short_it_goes_on_by_so_much_more(asked: float, looks: int) -> None:
-    """The goal is 0.05 rad away; answers ask for a share of what is left."""
-    goals, at = Goals(0.005), HERE
-    for _ in range(looks - 1):
-        at = goals.mean(at, asked * (turn(0.05) - at))
-        assert at[0] < 0.0501
-    assert goals.mean(at, asked * (turn(0.05) - at))[0] == pytest.approx(0.05, abs=0.003)
-
-
-def test_an_arm_that_did_not_follow_is_not_sent_beyond_all_bounds() -> None:
-    goals = Goals(0.005)
-    goals.mean(HERE, turn(0.04))
-    assert goals.mean(HERE, turn(0.03))[0] == 0.03
-    assert goals.mean(turn(1e-4), turn(0.0299))[0] <= 0.0901
-
-
-def test_far_away_an_answer_stands_alone() -> None:
-    """The object was moved on: as far again, and not twice as far."""
-    goals = Goals(0.005)
-    goals.mean(HERE, turn(0.2))
-    assert goals.mean(turn(0.2), turn(0.1))[0] == pytest.approx(0.3)
-
-
 def test_another_subtask_knows_nothing_of_the_one_before() -> None:
     goals = Goals(0.01)
     goals.mean(HERE, turn(0.04))

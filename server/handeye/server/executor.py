@@ -35,6 +35,8 @@ from handeye.server.results import LookRecord, NeighbourRecord, RunResult, Subta
 
 log = structlog.get_logger(__name__)
 
+_NOWHERE = 0.0005  # m: an arm that is stretched out turns its elbow and brings the hand no further than this ...
+_STRETCHED = 5.0  # ... so what answers ask for there, up to so many times what is acceptable, does not matter
 _NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sample of the subtask
 
 
@@ -164,12 +166,13 @@ class Run:
         answer and acts, as the thesis does.
         """
         looks = 1 if self._one_look else self._settings.max_looks
-        remaining = 0.0
+        remaining = way = 0.0
         for _ in range(looks):
-            remaining = self._step(subtask, tolerance)
+            remaining, way = self._step(subtask, tolerance)
             if remaining <= tolerance:
                 return True
-        if _goes_on(subtask) and not self._one_look and remaining > max(self._settings.acceptable, tolerance):
+        acceptable = self._settings.acceptable if way > _NOWHERE else _STRETCHED * self._settings.acceptable
+        if _goes_on(subtask) and not self._one_look and remaining > max(acceptable, tolerance):
             raise NotAligned(
                 f"Subtask '{subtask.name}' is not aligned after {looks} looks: the last answer would turn a joint by "
                 f"{remaining:.4f} rad, {self._settings.acceptable:.4f} rad is acceptable. Show more demonstrations "
@@ -177,8 +180,12 @@ class Run:
             )
         return False
 
-    def _step(self, subtask: Subtask, tolerance: float) -> float:
-        """One look and, unless it is within `tolerance`, the move it asks for; the answer's largest angle in rad."""
+    def _step(self, subtask: Subtask, tolerance: float) -> tuple[float, float]:
+        """One look and, unless it is within `tolerance`, the move it asks for.
+
+        Returns the answer's largest angle in rad, and how far the hand has come by it, in m; of an arm that has not
+        gone it, infinitely far.
+        """
         self._job.check()
         self._grip.require()
         state, sighting, found, picture = self._look(self._towards(subtask))
@@ -191,9 +198,11 @@ class Run:
             self._robot.wait(self._settings.thinking)
         way = self._goals.mean(state.joints, turn.angles) - state.joints
         largest = float(np.max(np.abs(way)))
-        moved = self._move(state, way) if largest > tolerance else ()
-        self._record(picture, sighting, found, turn, answer, moved)
-        return largest
+        after = self._move(state, way) if largest > tolerance else state
+        turned = after.joints - state.joints
+        self._record(picture, sighting, found, turn, answer, () if after is state else tuple(turned.tolist()))
+        went = float(np.linalg.norm(after.point - state.point))
+        return largest, went if np.max(np.abs(turned)) > largest / 2 else np.inf
 
     def _follow(self, subtask: Subtask) -> None:
         """Goes along the subtask's way without looking; where it has been sooner than was shown, it waits."""
@@ -257,13 +266,12 @@ class Run:
             )
         return too_far(f"subtask '{subtask}'", turn, self._settings.largest_move)
 
-    def _move(self, before: RobotState, way: Joints) -> tuple[float, ...]:
+    def _move(self, before: RobotState, way: Joints) -> RobotState:
         """Goes; half of the way when the robot refuses the whole: an answer is least sure of its far end."""
         try:
-            after = self._grip.carry(before.joints, way)
+            return self._grip.carry(before.joints, way)
         except OutOfLimits:
-            after = self._grip.carry(before.joints, way / 2)
-        return tuple(float(value) for value in after.joints - before.joints)
+            return self._grip.carry(before.joints, way / 2)
 
     def _record(
         self,
