@@ -242,6 +242,7 @@ class TestBabbling:
         fixate(lab, 8)
         teach_css(lab)
         lab.world.hidden.add("hand")
+        before = lab.world.head
         request = {"modules": ("CAS",), "postures": 5, "synergies": SYNERGIES, **REGION}
         told = view(lab.coordinator.coordination.collect_postures(PosturesRequest.model_validate(request)))
         assert told.error is not None
@@ -249,6 +250,8 @@ class TestBabbling:
         assert isinstance(told.result, CollectResult)
         assert told.result.added == {"CAS": 0}
         assert told.result.rejected["hand not found"] > 10
+        # It always searches around there: from where the last search ended it would drift away.
+        assert np.abs(np.subtract(lab.world.head, before)).max() < 0.3
 
     def test_ijs_learns_pictures_from_one_pose_of_the_head(self, lab: Lab) -> None:
         lab.world.head = (-0.35, -0.3)

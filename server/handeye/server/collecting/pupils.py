@@ -71,6 +71,8 @@ class CasPupil:
         self._eyes = eyes
         self._random = random
         self._count = looks
+        self._centred = HeadAngles(looker.head.pan, looker.head.tilt)
+        """Where the head has, or would have, the hand in the middle that was seen last; at first, where it points."""
 
     def learn(self, state: RobotState, name: str) -> bool:
         """Looks at the hand from here, and from poses around the one that would centre it."""
@@ -81,9 +83,9 @@ class CasPupil:
         seen = [first]
         point, head = first
         turn, _ = self._chain.to_head(point, head.tilt)
+        self._centred = HeadAngles(head.pan + turn.pan, head.tilt + turn.tilt)
         for _ in range(self._count - 1):
-            aside = self._random.uniform(-1.0, 1.0, 2) * _ASIDE
-            look = self._see(HeadAngles(head.pan + turn.pan + aside[0], head.tilt + turn.tilt + aside[1]))
+            look = self._see(_beside(self._centred, *(self._random.uniform(-1.0, 1.0, 2) * _ASIDE)))
             if look is None:
                 self._gathering.reject("hand not seen")
             else:
@@ -93,9 +95,8 @@ class CasPupil:
         return True
 
     def _find(self) -> tuple[ImagePoint, HeadAngles] | None:
-        """The hand from where the head points, or from around there; None when it is not seen."""
-        here = self._looker.head
-        places = (HeadAngles(here.pan + pan, here.tilt + tilt) for pan, tilt in _SEARCH)
+        """The hand from where it was in the middle last, or from around there; None when it is not seen."""
+        places = (_beside(self._centred, *aside) for aside in _SEARCH)
         return next((seen for place in places if (seen := self._see(place)) is not None), None)
 
     def _see(self, at: HeadAngles) -> tuple[ImagePoint, HeadAngles] | None:
@@ -147,6 +148,10 @@ class IjsPupil:
             )
         self._postures.append((hand, state.joints.copy()))
         return True
+
+
+def _beside(head: HeadAngles, pan: float, tilt: float) -> HeadAngles:
+    return HeadAngles(head.pan + pan, head.tilt + tilt)
 
 
 def _way(hand: ImagePoint, to: ImagePoint) -> ImageVector:
