@@ -40,6 +40,7 @@ _DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
 _MIN_AREA = 80  # px
 _MAX_AREA_PART = 0.2  # of the picture
 _SIZE_TOLERANCE = 1.3  # beyond the sizes of the examples
+_SURE = 0.95  # correlation of a thing in full view
 _MIN_CORRELATION = 0.75  # with the silhouette; a cup half hidden by a finger has 0.8
 
 
@@ -97,6 +98,8 @@ class ObjectModel:
         searched = Window.whole(image.shape) if window is None else window
         found: list[Sighting] = []
         for start in rough_places(image, self.object_probability, self.templates, searched):
+            if any(_is_of(start, other) for other in found):
+                continue
             sighting = self._refine(image, start)
             if sighting is not None and not any(_same(sighting, other) for other in found):
                 found.append(sighting)
@@ -260,6 +263,12 @@ def _sighting(warp: FloatArray, score: float, shape: tuple[int, ...]) -> Sightin
         or column + half_columns > shape[1] - 1
     )
     return Sighting(row, column, (float(half_rows), float(half_columns)), score, bool(cut))
+
+
+def _is_of(start: FloatArray, found: Sighting) -> bool:
+    """Whether a rough place lies within what was found well: another size of the same thing."""
+    away = np.abs(start[[1, 0], 2] - (found.row, found.column))
+    return found.score > _SURE and bool((away < found.size).all())
 
 
 def _same(a: Sighting, b: Sighting) -> bool:
