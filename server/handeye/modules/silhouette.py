@@ -74,38 +74,41 @@ def rough_places(
 
     `table`: each Lab bin's probability of showing the object, shape (64, 64, 64).
     """
-    grid = np.array(image.shape[:2]) // _COARSE
-    first = np.array([window.top, window.left]) // _COARSE
-    last = np.minimum(-(-np.array([window.bottom, window.right]) // _COARSE), grid)
-    low, high = np.maximum(first - _RIM, 0), np.minimum(last + _RIM, grid)
-    if (low >= high).any():
+    grid = image.shape[0] // _COARSE, image.shape[1] // _COARSE
+    bottom, right = (
+        min(-(-end // _COARSE), most) for end, most in zip((window.bottom, window.right), grid, strict=True)
+    )
+    cells = Window(window.top // _COARSE, window.left // _COARSE, bottom, right)
+    if cells.top >= bottom or cells.left >= right:
         return []
-    pad = np.max([template.shown.shape for template in sizes], axis=0) // 2
-    coarse = _coarse_map(image, table, low - pad, high + pad)
+    around = cells.grown(_RIM, grid)
+    pad = max(each.shown.shape[0] for each in sizes) // 2, max(each.shown.shape[1] for each in sizes) // 2
+    coarse = _coarse_map(image, table, around, pad)
     peaks: list[tuple[float, FloatArray]] = []
     for template in sizes:
-        spare = pad - np.array(template.shown.shape) // 2
-        part = coarse[spare[0] : coarse.shape[0] - spare[0], spare[1] : coarse.shape[1] - spare[1]]
+        height, width = template.shown.shape
+        above, before = pad[0] - height // 2, pad[1] - width // 2
+        part = coarse[above : coarse.shape[0] - above, before : coarse.shape[1] - before]
         response = np.asarray(cv2.matchTemplate(part, template.shown, cv2.TM_CCORR), dtype=np.float32)
-        for row, column, height in _peaks(response, template.half / _COARSE):
-            cell = low + np.array([row, column])
-            if (cell >= first).all() and (cell < last).all():
-                row_px, column_px = (cell + 0.5) * _COARSE - 0.5
-                peaks.append((height, upright(row_px, column_px, template.half * MARGIN)))
+        for row, column, level in _peaks(response, template.half / _COARSE):
+            row, column = row + around.top, column + around.left
+            if cells.holds(row, column):
+                middle = (row + 0.5) * _COARSE - 0.5, (column + 0.5) * _COARSE - 0.5
+                peaks.append((level, upright(*middle, template.half * MARGIN)))
     return _distinct(peaks)
 
 
-def _coarse_map(image: Image, table: NDArray[np.float32], low: NDArray[np.int64], high: NDArray[np.int64]) -> GreyImage:
-    """The reduced map's cells from `low` up to but without `high` (row, column); 0 where the picture does not reach."""
-    grid = np.array(image.shape[:2]) // _COARSE
-    inner_low, inner_high = np.clip(low, 0, grid), np.clip(high, 0, grid)
-    (top, left), (bottom, right) = inner_low * _COARSE, inner_high * _COARSE
-    columns, rows = (int(value) for value in (inner_high - inner_low)[::-1])
-    reduced = cv2.resize(image[top:bottom, left:right], (columns, rows), interpolation=cv2.INTER_AREA)
+def _coarse_map(image: Image, table: NDArray[np.float32], cells: Window, pad: tuple[int, int]) -> GreyImage:
+    """The reduced map's `cells` and `pad` (rows, columns) more on each side; 0 where the picture does not reach."""
+    grid = image.shape[0] // _COARSE, image.shape[1] // _COARSE
+    top, bottom, left, right = cells.top - pad[0], cells.bottom + pad[0], cells.left - pad[1], cells.right + pad[1]
+    there = Window(max(0, top), max(0, left), min(grid[0], bottom), min(grid[1], right))
+    size = there.right - there.left, there.bottom - there.top
+    part = image[there.top * _COARSE : there.bottom * _COARSE, there.left * _COARSE : there.right * _COARSE]
+    reduced = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
     seen = table.ravel()[lab_bins(np.asarray(reduced, dtype=np.uint8))]
-    (above, before), (below, after) = inner_low - low, high - inner_high
-    padded = cv2.copyMakeBorder(seen, int(above), int(below), int(before), int(after), cv2.BORDER_CONSTANT, value=0.0)
-    return np.asarray(padded, dtype=np.float32)
+    borders = there.top - top, bottom - there.bottom, there.left - left, right - there.right
+    return np.asarray(cv2.copyMakeBorder(seen, *borders, cv2.BORDER_CONSTANT, value=0.0), dtype=np.float32)
 
 
 def _peaks(response: NDArray[np.float32], half: FloatArray) -> list[tuple[int, int, float]]:
