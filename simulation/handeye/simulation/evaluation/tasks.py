@@ -19,7 +19,7 @@ TAUGHT = 10
 
 _TRIAL_TIMEOUT = 900.0  # s
 _SAMPLING = 0.05  # s of world time between two looks of the referee
-_PICTURED = 2  # trials
+_PICTURED = 2  # trials of the first seed
 _MIDWAY = 3  # way-points after which the observer takes a picture
 
 Judge = Callable[[Sequence[WorldState], dict[str, float]], dict[str, Any]]
@@ -38,6 +38,7 @@ class Table:
         """Teaches, then lets the task be done at places that were never shown."""
         site.teach(self.lesson.name, TAUGHT, seed)
         told = []
+        pictured = 0 if pictures else _PICTURED  # another seed's show the same
         with site.progress(f"{self.lesson.name}: trials", trials) as advance:
             for number, places in enumerate(self.lesson.draw(seed, Purpose.TESTING, trials), start=1):
                 site.lab.reset(places[0].seed)
@@ -45,7 +46,8 @@ class Table:
                     site.lab.place(spec, (place.x, place.y), place.yaw)
                 self.prepare(site)
                 begun = site.lab.world().world_time
-                job = self._run(site, number, pictures)
+                shown = pictures if number <= pictured else None
+                job = self._run(site, number, shown)
                 history = site.lab.history(begun, every=_SAMPLING)
                 subtasks = job.result.subtasks if job.result is not None else ()
                 ended = {each.name: each.ended for each in subtasks if each.ended is not None}
@@ -59,15 +61,15 @@ class Table:
                         "failure": "" if job.succeeded else job.failure,
                     }
                 )
-                if number <= _PICTURED:
-                    pictures += _looks(site, job, number)
+                if shown is not None:
+                    shown += _looks(site, job, number)
                 if not job.succeeded:
                     site.client.reset_robot()
                 advance()
         return told
 
-    def _run(self, site: Site, number: int, pictures: list[Picture]) -> RunJob:
-        """The job that has ended; of the first trials the observer takes a picture midway."""
+    def _run(self, site: Site, number: int, shown: list[Picture] | None) -> RunJob:
+        """The job that has ended; midway the observer adds a picture to what is shown, if anything is."""
         client = site.client
         job = client.start_run(self.lesson.name, self.lesson.objects[0].name)
         passed = 0
@@ -75,8 +77,8 @@ class Table:
         def on_event(event: Any) -> None:
             nonlocal passed
             passed += event.kind == "waypoint"
-            if event.kind == "waypoint" and passed == _MIDWAY and number <= _PICTURED:
-                pictures.append(Picture(client.frame("observer"), f"Trial {number}, on the way, by the observer."))
+            if shown is not None and event.kind == "waypoint" and passed == _MIDWAY:
+                shown.append(Picture(client.frame("observer"), f"Trial {number}, on the way, by the observer."))
 
         ended = to_its_end(client, job, _TRIAL_TIMEOUT, on_event)
         assert isinstance(ended, RunJob)  # noqa: S101 # what was started
