@@ -74,13 +74,12 @@ def rough_places(
 
     `table`: each Lab bin's probability of showing the object, shape (64, 64, 64).
     """
-    grid = image.shape[0] // _COARSE, image.shape[1] // _COARSE
-    bottom, right = (
-        min(-(-end // _COARSE), most) for end, most in zip((window.bottom, window.right), grid, strict=True)
-    )
-    cells = Window(window.top // _COARSE, window.left // _COARSE, bottom, right)
-    if cells.top >= bottom or cells.left >= right:
+    rows, columns = grid = _grid(image)
+    top, bottom = window.top // _COARSE, min(-(-window.bottom // _COARSE), rows)
+    left, right = window.left // _COARSE, min(-(-window.right // _COARSE), columns)
+    if top >= bottom or left >= right:
         return []
+    cells = Window(top, left, bottom, right)
     around = cells.grown(_RIM, grid)
     pad = max(each.shown.shape[0] for each in sizes) // 2, max(each.shown.shape[1] for each in sizes) // 2
     coarse = _coarse_map(image, table, around, pad)
@@ -91,18 +90,23 @@ def rough_places(
         part = coarse[above : coarse.shape[0] - above, before : coarse.shape[1] - before]
         response = np.asarray(cv2.matchTemplate(part, template.shown, cv2.TM_CCORR), dtype=np.float32)
         for row, column, level in _peaks(response, template.half / _COARSE):
-            row, column = row + around.top, column + around.left
-            if cells.holds(row, column):
-                middle = (row + 0.5) * _COARSE - 0.5, (column + 0.5) * _COARSE - 0.5
-                peaks.append((level, upright(*middle, template.half * MARGIN)))
+            cell = row + around.top, column + around.left
+            if cells.holds(*cell):
+                down, across = ((each + 0.5) * _COARSE - 0.5 for each in cell)
+                peaks.append((level, upright(down, across, template.half * MARGIN)))
     return _distinct(peaks)
+
+
+def _grid(image: Image) -> tuple[int, int]:
+    """How many (rows, columns) of cells the reduced map has."""
+    return image.shape[0] // _COARSE, image.shape[1] // _COARSE
 
 
 def _coarse_map(image: Image, table: NDArray[np.float32], cells: Window, pad: tuple[int, int]) -> GreyImage:
     """The reduced map's `cells` and `pad` (rows, columns) more on each side; 0 where the picture does not reach."""
-    grid = image.shape[0] // _COARSE, image.shape[1] // _COARSE
+    rows, columns = _grid(image)
     top, bottom, left, right = cells.top - pad[0], cells.bottom + pad[0], cells.left - pad[1], cells.right + pad[1]
-    there = Window(max(0, top), max(0, left), min(grid[0], bottom), min(grid[1], right))
+    there = Window(max(0, top), max(0, left), min(rows, bottom), min(columns, right))
     size = there.right - there.left, there.bottom - there.top
     part = image[there.top * _COARSE : there.bottom * _COARSE, there.left * _COARSE : there.right * _COARSE]
     reduced = cv2.resize(part, size, interpolation=cv2.INTER_AREA)

@@ -46,7 +46,8 @@ class ActingSettings(BaseModel):
     was seen several times: the arm goes to their mean. The further an answer goes beyond this, the less it weighs."""
     acceptable: float = Field(default=0.006, gt=0.0)
     """When the looks have run out, way and gripper still follow if no joint of the last answer was larger, in rad: then
-    it is noise that keeps the answers above the tolerance, and looking longer would not help."""
+    it is noise that keeps the answers above the tolerance, and looking longer would not help. Where the arm is
+    stretched out, so that what it turned brought the hand nowhere, five times as much will do."""
     thinking: float = Field(default=0.05, ge=0.0)
     """World time that each look is charged in lockstep, in s: thinking is not free there either."""
     settle: float = Field(default=0.02, ge=0.0)

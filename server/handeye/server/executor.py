@@ -267,7 +267,8 @@ class Run:
         return too_far(f"subtask '{subtask}'", turn, self._settings.largest_move)
 
     def _move(self, before: RobotState, way: Joints) -> RobotState:
-        """Goes; half of the way when the robot refuses the whole: an answer is least sure of its far end."""
+        """Goes, and returns where it came; half of the way when the robot refuses the whole: an answer is least sure of
+        its far end."""
         try:
             return self._grip.carry(before.joints, way)
         except OutOfLimits:

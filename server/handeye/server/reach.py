@@ -168,7 +168,7 @@ class Reach:
     ) -> None:
         picture = self._album.picture(side_by_side(pair.left.image, pair.right.image, ImagePair(target, hand)))
         look = ReachLook(
-            number=len(self._looks),
+            number=picture.number,
             world_time=pair.left.world_time,
             target=(target.row, target.column, target.disparity),
             hand=(hand.row, hand.column, hand.disparity),
