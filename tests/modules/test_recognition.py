@@ -55,6 +55,22 @@ def test_rows_may_differ_by_the_lens_distortion(artist: Artist, recogniser: Reco
     assert seen.hand.row == pytest.approx(60, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("rows", "columns"), [(0, -20), (0, 20), (-28, 0), (28, 0)], ids=["left", "right", "top", "foot"]
+)
+def test_what_is_hidden_in_one_picture_has_its_size_from_the_other(
+    artist: Artist, recogniser: Recogniser, rows: float, columns: float
+) -> None:
+    card = Thing(150 + rows, 170 + columns, (30 if columns else 12, 22 if rows else 10), ((90, 90, 92),), "rectangle")
+    hidden, whole = artist.picture([CUP, card]), artist.picture([CUP.moved(0, -60)])
+    alone = recogniser.model("cup").locate(hidden)[0]
+    assert np.hypot(alone.row - 150, alone.column - 170) > 1.0
+    for first, second, shift in ((hidden, whole, 0.0), (artist.picture([CUP.moved(0, 60)]), hidden, 60.0)):
+        seen, confidence = recogniser.see_object(first, second, "cup")
+        assert seen.array() == pytest.approx([150, 170 + shift, 60], abs=0.5)
+        assert confidence < 0.97
+
+
 def test_of_two_cups_the_pair_of_equal_rows_is_taken(artist: Artist, recogniser: Recogniser) -> None:
     left = picture(artist, [CUP], 200)
     right = picture(artist, [CUP.moved(45, 20), CUP.moved(0, -60)], 120)

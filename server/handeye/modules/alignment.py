@@ -29,16 +29,20 @@ def _generator(*entries: tuple[int, int, float]) -> FloatArray:
     return matrix
 
 
-SHIFT_AND_SCALE = (
+SHIFT = (
     _generator((0, 2, 1.0)),
     _generator((1, 2, 1.0)),
+)
+"""Shift alone: a thing whose size is known."""
+
+SHIFT_AND_SCALE = (
+    *SHIFT,
     _generator((0, 0, 1.0), (1, 1, 1.0)),
 )
 """Shift and size: a thing seen from nearer or farther."""
 
 UPRIGHT = (
-    _generator((0, 2, 1.0)),
-    _generator((1, 2, 1.0)),
+    *SHIFT,
     _generator((0, 0, 1.0)),
     _generator((1, 1, 1.0)),
     _generator((0, 1, 1.0)),
@@ -138,7 +142,8 @@ def align(
 ) -> Alignment | None:
     """Moves `pattern` from the warp `start` (3×3 image_from_pattern) until it fits `picture` best.
 
-    Gain and offset of the brightness are estimated along with the motions (`SHIFT_AND_SCALE`, `UPRIGHT`, `HOMOGRAPHY`).
+    Gain and offset of the brightness are estimated along with the motions (`SHIFT`, `SHIFT_AND_SCALE`, `UPRIGHT`,
+    `HOMOGRAPHY`).
     `subsamples` as in `predict`: 1 will do for smooth patterns, print needs 2 or 3. `outlier`, in the picture's own
     units, is the residual at which a pixel's weight has fallen to a half, for patterns that may be partly hidden.
     A step of less than `converged`, in half sizes of the pattern, is the last one.

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye.modules.recognition import ROW_TOLERANCE, NotSeen
+from handeye.modules.recognition import NotSeen
+from handeye.modules.spaces import ROW_TOLERANCE
 from handeye.modules.window import Image
 
 Corners = NDArray[np.float64]

@@ -4,7 +4,8 @@ Learning: the object is where an example differs from its background. Its colour
 pixel's probability of showing the object: Bayes' rule over smoothed Lab histograms (Jones and Rehg, "Statistical Color
 Models", IJCV 2002). The median of these probability maps over the examples is its silhouette: what sticks out to
 another side in every example, as a mug's handle does, is not in it.
-Locating: the silhouette is correlated with the picture's probability map, then aligned to a fraction of a pixel.
+Locating: the silhouette is correlated with the picture's probability map, then aligned to a fraction of a pixel. What
+is partly hidden in one of two pictures has its size from the other one.
 Nothing here knows any object.
 """
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handeye.modules.alignment import (
+    SHIFT,
     SHIFT_AND_SCALE,
     UPRIGHT,
     Alignment,
@@ -27,13 +29,20 @@ from handeye.modules.alignment import (
     align,
 )
 from handeye.modules.silhouette import BINS, MARGIN, Template, lab_bins, rough_places, templates, upright
+from handeye.modules.spaces import ROW_TOLERANCE
 from handeye.modules.window import Image, Window
 
 _COLOUR_NOISE = 1.2  # bins: spread given to every registered colour
 _STRANGE = 2e-6  # density of colours never seen, per bin: anything not registered counts as something else
 _PATTERN_SIZE = 96
-_OUTLIER = (0.35, 0.2)  # probability residual of a pixel half distrusted, in the rough and in the fine alignment
+_Steps = tuple[tuple[tuple[FloatArray, ...], float], tuple[tuple[FloatArray, ...], float]]
+"""A rough and a fine alignment: what is free, and the probability residual of a pixel that is half distrusted."""
+_ALL: _Steps = (SHIFT_AND_SCALE, 0.35), (UPRIGHT, 0.2)
+"""Shift and size alone first, so that a handle or a neighbour does not stretch the silhouette; then lean and width."""
+_PLACE: _Steps = (SHIFT, 0.2), (SHIFT, 0.05)
 _ROUGHLY = 0.01  # half sizes: near enough for the fine alignment to begin from
+_OUT_OF_PROPORTION = 0.03  # logarithm of width by height beyond what the examples had
+_SMALLER = 0.05  # logarithm of a size to that in the other picture
 _HALVED_FROM_FULL = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1.0]])  # pixel centres of a halved picture
 _CHANGE = (4.0, 12.0)  # difference in Lab that counts as new: five times the noise, within these bounds
 _DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
@@ -105,11 +114,34 @@ class ObjectModel:
                 found.append(sighting)
         return sorted(found, key=lambda sighting: -sighting.score)
 
+    def completed(self, image: Image, seen: Sighting, other: Sighting) -> Sighting:
+        """`seen` in `image`, found anew when a part of it is hidden; `other` is the same thing in the other picture.
+
+        A thing has nearly the same size to both eyes. What is narrower or lower than there, and out of proportion, is
+        hidden in part, and its middle is not where it seems: what is seen of it is fitted in the other one's size.
+        """
+        taller, wider = np.log(np.divide(seen.size, other.size))
+        proportions = np.log(self.sizes[:, 1] / self.sizes[:, 0])
+        proportion = np.log(seen.size[1] / seen.size[0])
+        narrow = wider < -_SMALLER and proportion < proportions.min() - _OUT_OF_PROPORTION
+        low = taller < -_SMALLER and proportion > proportions.max() + _OUT_OF_PROPORTION
+        if not narrow and not low:
+            return seen
+        # What hides it may be on either side, or before its middle.
+        down, across = np.subtract(other.size, seen.size) * (low, narrow)
+        half = np.array(other.size) * MARGIN
+        places = [
+            self._refine(image, upright(seen.row + side * down, seen.column + side * across, half), _PLACE)
+            for side in (-1.0, 0.0, 1.0)
+        ]
+        likely = [each for each in places if each is not None and abs(each.row - other.row) < ROW_TOLERANCE]
+        return max(likely, key=lambda each: each.score, default=seen)
+
     def likeness(self, image: Image) -> NDArray[np.uint8]:
         """How probably each pixel shows the object, 0…255: a grey picture of the same (rows, columns)."""
         return np.asarray(np.rint(255 * self.object_probability.ravel()[lab_bins(image)]), dtype=np.uint8)
 
-    def _refine(self, image: Image, start: FloatArray) -> Sighting | None:
+    def _refine(self, image: Image, start: FloatArray, steps: _Steps = _ALL) -> Sighting | None:
         """The object near the warp `start`, or None when what is there has another shape."""
         rows, columns = 1.4 * start[1, 1], 1.4 * start[0, 0]
         top, left = max(0, int(start[1, 2] - rows)), max(0, int(start[0, 2] - columns))
@@ -118,7 +150,7 @@ class ObjectModel:
         window = window[: window.shape[0] // 2 * 2, : window.shape[1] // 2 * 2]
         offset = np.array([[0, 0, left], [0, 0, top], [0, 0, 0.0]])
         seen = probability_map(window, self.object_probability)
-        fit = _fit(seen, self.silhouette, start - offset)
+        fit = _fit(seen, self.silhouette, start - offset, steps)
         if fit is None or fit.correlation < _MIN_CORRELATION:
             return None
         sighting = _sighting(fit.image_from_pattern + offset, fit.correlation, image.shape)
@@ -202,17 +234,18 @@ def _histogram(images: Sequence[Image], masks: Sequence[NDArray[np.bool_]]) -> F
     return np.asarray(density, dtype=np.float64)
 
 
-def _fit(seen: GreyImage, silhouette: Pattern, start: FloatArray) -> Alignment | None:
-    """Shift and size alone first, so that a handle or a neighbour does not stretch the silhouette; then lean and width.
+def _fit(seen: GreyImage, silhouette: Pattern, start: FloatArray, steps: _Steps = _ALL) -> Alignment | None:
+    """The silhouette aligned with the probability map `seen`, from the warp `start`.
 
     Works on the map halved: it is smooth, so this costs no accuracy and takes a quarter of the time.
     """
     halved = np.asarray(cv2.resize(seen, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    (roughly_free, distrusted), (free, outlier) = steps
     start = _HALVED_FROM_FULL @ start
-    rough = align(halved, silhouette, start, SHIFT_AND_SCALE, outlier=_OUTLIER[0], converged=_ROUGHLY)
+    rough = align(halved, silhouette, start, roughly_free, outlier=distrusted, converged=_ROUGHLY)
     if rough is None:
         return None
-    fine = align(halved, silhouette, rough.image_from_pattern, UPRIGHT, outlier=_OUTLIER[1])
+    fine = align(halved, silhouette, rough.image_from_pattern, free, outlier=outlier)
     return (
         None
         if fine is None

@@ -10,11 +10,8 @@ import numpy as np
 
 from handeye.modules.marker import Marker, MarkerSighting
 from handeye.modules.object_model import ObjectModel, Sighting
-from handeye.modules.spaces import HandPoint, ImagePair, ImagePoint
+from handeye.modules.spaces import ROW_TOLERANCE, HandPoint, ImagePair, ImagePoint
 from handeye.modules.window import Image, Window
-
-ROW_TOLERANCE = 6.0
-"""How far the rows of one point may differ between left and right picture, in px."""
 
 Windows = tuple[Window, Window]
 """Where to search in the left and in the right picture."""
@@ -117,7 +114,9 @@ class Recogniser:
                 f"{_place(in_right[0])} in the right one is not the same thing; take similar things out of view or "
                 "register the object again"
             )
-        best_left, best_right = max(pairs, key=lambda pair: pair[0].score + pair[1].score)
+        seen_left, seen_right = max(pairs, key=lambda pair: pair[0].score + pair[1].score)
+        best_left = model.completed(left, seen_left, seen_right)
+        best_right = model.completed(right, seen_right, seen_left)
         point = ImagePoint(best_left.row, best_left.column, best_left.column - best_right.column)
         return point, min(best_left.score, best_right.score)
 

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+ROW_TOLERANCE = 6.0
+"""How far the rows of one point may differ between left and right picture, in px."""
+
 
 @dataclass(frozen=True, slots=True)
 class ImagePoint:
