@@ -105,4 +105,4 @@ def test_few_demonstrations_that_are_alike_do_not_make_all_else_far() -> None:
         inputs = np.column_stack([np.zeros(4), np.arange(4) * 1e-6, np.zeros(4)])
         module.learn(inputs, np.zeros((4, 2)), [str(number % shown) for number in range(4)])
         supports.append(module.answer([0, 10.0, 0]).support)  # components have a scale of 10
-    assert supports == pytest.approx([0.25, 0.125, 0.0625], rel=1e-3)
+    assert supports == pytest.approx([0.25, 0.25 / np.sqrt(2), 0.125], rel=1e-3)

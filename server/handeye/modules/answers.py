@@ -49,7 +49,7 @@ class Support:
     median of those distances, falls linearly to 1/2 at the largest, and beyond it is half the largest divided by the
     query's distance: 1/4 at twice, 1/6 at three times the largest. With a single demonstration the distances are those
     among its own samples. A few demonstrations that happen to be alike say little of how far their answers carry: the
-    largest is at least half of what the declaration's scales count as a difference, divided by their number.
+    largest is at least half of what the declaration's scales count as a difference, by the root of their number.
     """
 
     median: float

@@ -7,6 +7,7 @@ cross subtasks.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
@@ -293,7 +294,7 @@ def _groups(names: list[str], demonstrations: Sequence[str | None], numbers: Int
 
 def _support(calibration: Calibration, shown: int) -> Support:
     """All samples are of `shown` demonstrations."""
-    largest = max(float(calibration.scores[-1]), _ALONE / shown)
+    largest = max(float(calibration.scores[-1]), _ALONE / math.sqrt(shown))
     return Support(median=float(np.median(calibration.scores)), largest=largest)
 
 
