@@ -22,7 +22,7 @@ from handeye.modules.module import warm_up
 from handeye.server import executor, reach
 from handeye.server.chain import Chain
 from handeye.server.eyes import Eyes, Vision
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.schemas.coordination import ReachRequest
 from handeye.server.store import Store
 from handeye.server.training import TrainedTask

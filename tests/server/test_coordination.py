@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from starlette.testclient import TestClient
 
-    from handeye.server.jobs import Job
+    from handeye.server.job import Job
     from tests.server.conftest import Lab
 
 MIDDLE = np.array([23.5, 31.5])  # of the toy's pictures

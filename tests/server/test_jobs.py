@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from handeye.server.jobs import Job, JobBusy, Jobs
+from handeye.server.job import Job
+from handeye.server.jobs import JobBusy, Jobs
 from handeye.server.problem import NotFound
 from handeye.server.results import HeadInfo, JobState
 from handeye.server.store import Store

@@ -15,7 +15,7 @@ from handeye.camera_bridge.turning import Track
 from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import HeadTurn, ImagePoint
 from handeye.server.acting import OutsideTaughtRegion
-from handeye.server.jobs import Job, JobCancelled
+from handeye.server.job import Job, JobCancelled
 from handeye.server.pursuit import ObjectLost, Pursuit, PursuitSettings
 from handeye.server.results import PursuitResult
 

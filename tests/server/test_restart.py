@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from starlette.testclient import TestClient
 
-    from handeye.server.jobs import Job
+    from handeye.server.job import Job
     from handeye.server.store import Store
 
 QUERIES = taught(30, seed=8)[0]

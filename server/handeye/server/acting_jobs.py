@@ -11,7 +11,8 @@ from handeye.server.acting import ActingHead, ActingRobot, LeasedRobot
 from handeye.server.album import Album
 from handeye.server.control import Control
 from handeye.server.eyes import Eyes
-from handeye.server.jobs import Job, Jobs, Kind
+from handeye.server.job import Job, Kind
+from handeye.server.jobs import Jobs
 from handeye.server.looking import Looker
 from handeye.server.settings import ServerSettings
 

@@ -20,7 +20,8 @@ import structlog
 from handeye.camera_bridge.driver import HeadDriver, HeadState
 from handeye.robot_bridge.driver import RobotDriver, RobotState, Watch
 from handeye.rpc.errors import Busy, RpcError
-from handeye.server.jobs import Job, Jobs
+from handeye.server.job import Job
+from handeye.server.jobs import Jobs
 from handeye.server.problem import Conflict
 
 log = structlog.get_logger(__name__)

@@ -20,7 +20,7 @@ from handeye.server.collecting.gathering import Gathering, require
 from handeye.server.collecting.pupils import AjsPupil, CasPupil, IjsPupil, Pupil
 from handeye.server.eyes import Eyes
 from handeye.server.gaze import Gaze
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.livemodules import LiveModules
 from handeye.server.looking import Looker
 from handeye.server.objects import Objects

@@ -23,7 +23,8 @@ from handeye.server.demonstrations import Demonstrations
 from handeye.server.executor import Run
 from handeye.server.eyes import Eyes, Sight, Sighting
 from handeye.server.felt import FeltHand
-from handeye.server.jobs import Job, Jobs
+from handeye.server.job import Job
+from handeye.server.jobs import Jobs
 from handeye.server.livemodules import LiveModules
 from handeye.server.looking import Looker
 from handeye.server.objects import Kind as PictureKind

@@ -27,17 +27,16 @@ from handeye.server.eyes import Eyes, Sighting
 from handeye.server.felt import FeltHand
 from handeye.server.goals import Goals
 from handeye.server.grip import Grip, LostGrip
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.looking import Looker
 from handeye.server.pictures import side_by_side
 from handeye.server.problem import Conflict
-from handeye.server.results import LookRecord, NeighbourRecord, RunResult, SubtaskRecord, WaypointRecord
+from handeye.server.runrecord import RunRecord
 
 log = structlog.get_logger(__name__)
 
 _NOWHERE = 0.0005  # m: an arm that is stretched out turns its elbow and brings the hand no further than this ...
 _STRETCHED = 5.0  # ... so what answers ask for there, up to so many times what is acceptable, does not matter
-_NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sample of the subtask
 
 
 class NotAligned(Conflict):
@@ -90,7 +89,7 @@ class Run:
         self._job = job
         self._album = album
         self._one_look = one_look
-        self._subtasks: list[SubtaskRecord] = []
+        self._record = RunRecord(job)
         self._felt = felt
         self._last_look: tuple[ImagePair, Joints]
         self._goals = Goals(settings.noise)
@@ -105,19 +104,18 @@ class Run:
             start = self._robot.state().joints
             attempts = 1 if self._one_look else self._settings.attempts
             for left in reversed(range(attempts)):
-                begun = len(self._subtasks)
+                begun = self._record.subtasks
                 self._grip.lets_go = left > 0
                 try:
                     return self._attempt()
                 except (OutsideTaughtRegion, NotSeen, NotAligned, LostGrip) as trouble:
                     # In the first subtask nothing has changed yet: it would end in the same way.
-                    if not left or len(self._subtasks) - begun < 2:
+                    if not left or self._record.subtasks - begun < 2:
                         raise
                     self._begin_again(start, trouble)
         except Exception as error:
             self._stop(str(error))
-            if self._subtasks and self._subtasks[-1].state == "running":
-                self._update("subtask", state="failed")
+            self._record.failed()
             raise
 
     def _attempt(self) -> None:
@@ -129,18 +127,15 @@ class Run:
 
     def _begin_again(self, start: Joints, trouble: Exception) -> None:
         """Puts back what is held, opens the gripper and goes back to where the arm was at first."""
-        if self._subtasks[-1].state == "running":
-            self._update("subtask", state="failed")
-        self._job.publish("again", {"message": str(trouble)}, self._result())
+        self._record.failed()
+        self._record.again(trouble)
         self._grip.go_back()
         self._robot.adjust_joints(start - self._robot.at_rest().joints)
 
     def _do(self, subtask: Subtask, *, final: bool) -> None:
         """`final`: nothing follows."""
         started = self._robot.state().world_time
-        towards = self._towards(subtask)
-        self._subtasks.append(SubtaskRecord(name=subtask.name, object=towards, state="running", started=started))
-        self._publish("subtask")
+        self._record.begun(subtask.name, self._towards(subtask), started)
         self._goals.forget()
         try:
             aligned = self._align(subtask, self._settings.last_tolerance if final else self._settings.tolerance)
@@ -156,7 +151,7 @@ class Run:
         elif subtask.action == "open_gripper":
             self._grip.open()
         ended = self._robot.state().world_time
-        self._update("subtask", state="succeeded", ended=ended, aligned=aligned, action=subtask.action)
+        self._record.succeeded(ended, aligned, subtask.action)
 
     def _align(self, subtask: Subtask, tolerance: float) -> bool:
         """Looks and moves until the answer is within `tolerance` (rad); False when the looks ran out first.
@@ -192,7 +187,7 @@ class Run:
         self._last_look = (found, state.joints)
         turn, answer = self._skill.answer(subtask.name, found, state.joints)
         if refusal := self._refusal(subtask.name, turn, answer):
-            self._record(picture, sighting, found, turn, answer, ())
+            self._record.look(picture, sighting, found, turn, answer)
             raise refusal
         if self._robot.lockstep:
             self._robot.wait(self._settings.thinking)
@@ -200,7 +195,7 @@ class Run:
         largest = float(np.max(np.abs(way)))
         after = self._move(state, way) if largest > tolerance else state
         turned = after.joints - state.joints
-        self._record(picture, sighting, found, turn, answer, () if after is state else tuple(turned.tolist()))
+        self._record.look(picture, sighting, found, turn, answer, None if after is state else turned)
         went = float(np.linalg.norm(after.point - state.point))
         return largest, went if np.max(np.abs(turned)) > largest / 2 else np.inf
 
@@ -219,14 +214,7 @@ class Run:
             early = seconds - (after.world_time - before.world_time)
             if early > 0.0:
                 self._robot.wait(early)
-            passed = WaypointRecord(
-                delta=tuple(float(value) for value in turn.angles),
-                seconds=seconds,
-                support=answer.support,
-                neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
-                moved=tuple(float(value) for value in after.joints - before.joints),
-            )
-            self._update("waypoint", way=(*self._subtasks[-1].way, passed))
+            self._record.waypoint(turn, seconds, answer, after.joints - before.joints)
 
     def _towards(self, subtask: Subtask) -> str:
         """The object that a subtask is towards."""
@@ -238,8 +226,7 @@ class Run:
         sighting = self._recognise(pair, towards, state.joints)
         picture = self._album.picture(side_by_side(pair.left.image, pair.right.image, sighting.found))
         if isinstance(sighting.found, NotSeen):
-            data = {"message": str(sighting.found), "picture": picture.path}
-            self._job.publish("not_seen", data, self._result(), picture.keep)
+            self._record.not_seen(picture, sighting.found)
             raise sighting.found
         return state, sighting, sighting.found, picture
 
@@ -274,51 +261,15 @@ class Run:
         except OutOfLimits:
             return self._grip.carry(before.joints, way / 2)
 
-    def _record(
-        self,
-        picture: Picture,
-        sighting: Sighting,
-        found: ImagePair,
-        turn: JointDifference,
-        answer: Answer,
-        moved: tuple[float, ...],
-    ) -> None:
-        look = LookRecord(
-            number=picture.number,
-            world_time=sighting.world_time,
-            object=(found.object.row, found.object.column, found.object.disparity),
-            hand=(found.hand.row, found.hand.column, found.hand.disparity),
-            hand_seen=found.hand_confidence > 0.0,
-            delta=tuple(float(value) for value in turn.angles),
-            support=answer.support,
-            neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
-            moved=moved,
-            picture=picture.path,
-        )
-        self._subtasks[-1] = self._subtasks[-1].model_copy(update={"looks": (*self._subtasks[-1].looks, look)})
-        data = {"subtask": self._subtasks[-1].name, **look.model_dump(mode="json")}
-        self._job.publish("look", data, self._result(), picture.keep)
-
-    def _update(self, kind: str, **changes: object) -> None:
-        self._subtasks[-1] = self._subtasks[-1].model_copy(update=changes)
-        self._publish(kind)
-
-    def _publish(self, kind: str) -> None:
-        data = self._subtasks[-1].model_dump(mode="json", exclude={"looks", "way"})
-        self._job.publish(kind, data, self._result())
-
-    def _result(self) -> RunResult:
-        return RunResult(subtasks=tuple(self._subtasks))
-
     def _stop(self, reason: str) -> None:
         """Stops the arm if its bridge can be reached; else the bridge brakes by itself, for want of heartbeats."""
         try:
             self._robot.stop(f"task ended early: {reason}")
         except RpcError as error:
             log.warning("the robot could not be told to stop", job=self._job.id, error=str(error))
-            self._job.publish("stop", {"stopped": False, "message": str(error)}, self._result())
+            self._record.stop(str(error), stopped=False)
         else:
-            self._job.publish("stop", {"stopped": True, "message": reason}, self._result())
+            self._record.stop(reason, stopped=True)
 
 
 def _goes_on(subtask: Subtask) -> bool:

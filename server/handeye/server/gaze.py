@@ -11,7 +11,7 @@ from handeye.modules.spaces import HeadAngles, HeadTurn, ImagePoint
 from handeye.server.acting import OutsideTaughtRegion
 from handeye.server.chain import Chain, Said
 from handeye.server.eyes import Eyes
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.looking import Looker
 from handeye.server.problem import Conflict
 from handeye.server.results import GazeLook, GazeResult

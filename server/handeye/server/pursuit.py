@@ -19,7 +19,7 @@ from handeye.server.acting import OutsideTaughtRegion
 from handeye.server.chain import Chain
 from handeye.server.eyes import Eyes
 from handeye.server.gaze import from_middle, middle, require_support
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.looking import Looker
 from handeye.server.problem import Conflict
 from handeye.server.results import PursuitLook, PursuitResult

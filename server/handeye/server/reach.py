@@ -17,7 +17,7 @@ from handeye.server.acting import ActingRobot, OutsideTaughtRegion, too_far
 from handeye.server.album import Album
 from handeye.server.chain import Chain, Said
 from handeye.server.eyes import Eyes
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.looking import Looker
 from handeye.server.pictures import side_by_side
 from handeye.server.problem import Conflict

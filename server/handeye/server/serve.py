@@ -20,7 +20,7 @@ from handeye.server.app import create_app
 from handeye.server.control import Control
 from handeye.server.coordinator import Coordinator
 from handeye.server.eyes import Vision
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.metrics import MeteredBus, Metrics
 from handeye.server.settings import ServerSettings, StoreSettings
 from handeye.server.store import Store

@@ -20,7 +20,7 @@ from handeye.server.answering import NothingTaught
 from handeye.server.chain import Chain
 from handeye.server.collecting.gathering import Gathering
 from handeye.server.collecting.pupils import Pupil
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.problem import Conflict
 
 _FIRST = 12  # postures before AJS is asked for the way to a goal

@@ -18,7 +18,7 @@ from handeye.modules.spaces import Floats, HeadAngles, ImagePoint
 from handeye.server.collecting.gathering import Gathering
 from handeye.server.eyes import Eyes
 from handeye.server.gaze import middle
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.looking import Looker
 from handeye.server.problem import Conflict
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from numpy.typing import ArrayLike
 
 from handeye.modules.declaration import ModuleDeclaration
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.livemodules import LiveModules
 from handeye.server.problem import Conflict, NotFound
 from handeye.server.results import CollectResult

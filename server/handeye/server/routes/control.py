@@ -11,7 +11,7 @@ from handeye.camera_bridge.driver import HeadState
 from handeye.robot_bridge.driver import Pace, RobotState
 from handeye.server.control import SILENCE_LIMIT, Move
 from handeye.server.coordinator import Coordinator
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.problem_responses import responses
 from handeye.server.results import HeadInfo, JobView
 from handeye.server.routes import CoordinatorDep

@@ -7,7 +7,7 @@ from anyio import to_thread
 from fastapi import APIRouter, Response
 
 from handeye.server.collecting.viewing import learn_view
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.problem_responses import responses
 from handeye.server.results import CollectResult, JobView
 from handeye.server.routes import CameraLaneDep, CoordinatorDep

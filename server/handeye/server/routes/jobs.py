@@ -9,7 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Header, Path, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.problem import NotFound
 from handeye.server.problem_responses import picture_responses, responses
 from handeye.server.results import JobView

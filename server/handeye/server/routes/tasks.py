@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Response
 
-from handeye.server.jobs import Job
+from handeye.server.job import Job
 from handeye.server.problem_responses import responses
 from handeye.server.results import JobView
 from handeye.server.routes import CoordinatorDep

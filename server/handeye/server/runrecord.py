@@ -1,0 +1,102 @@
+"""What a run of a task tells of itself: each step is durable, with its picture, before anybody hears of it."""
+
+from __future__ import annotations
+
+from handeye.modules.answers import Answer
+from handeye.modules.recognition import NotSeen
+from handeye.modules.spaces import ImagePair, JointDifference
+from handeye.robot_bridge.driver import Joints
+from handeye.server.album import Picture
+from handeye.server.eyes import Sighting
+from handeye.server.job import Job
+from handeye.server.results import LookRecord, NeighbourRecord, RunResult, SubtaskRecord, WaypointRecord
+
+_NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sample of the subtask
+
+
+class RunRecord:
+    """The subtasks that were begun, and all looks and way-points in them."""
+
+    def __init__(self, job: Job) -> None:
+        self._job = job
+        self._subtasks: list[SubtaskRecord] = []
+
+    @property
+    def subtasks(self) -> int:
+        """How many were begun, those of earlier attempts too."""
+        return len(self._subtasks)
+
+    def begun(self, subtask: str, towards: str, world_time: float) -> None:
+        """A subtask towards an object begins."""
+        self._subtasks.append(SubtaskRecord(name=subtask, object=towards, state="running", started=world_time))
+        self._publish("subtask")
+
+    def succeeded(self, world_time: float, aligned: bool, action: str | None) -> None:
+        """It is done, its gripper action too."""
+        self._update("subtask", state="succeeded", ended=world_time, aligned=aligned, action=action)
+
+    def failed(self) -> None:
+        """The subtask under way, if there is one, came to nothing."""
+        if self._subtasks and self._subtasks[-1].state == "running":
+            self._update("subtask", state="failed")
+
+    def again(self, trouble: Exception) -> None:
+        """The task begins anew, and why."""
+        self._job.publish("again", {"message": str(trouble)}, self._result())
+
+    def stop(self, why: str, *, stopped: bool) -> None:
+        """The arm was told to stop, or could not be told."""
+        self._job.publish("stop", {"stopped": stopped, "message": why}, self._result())
+
+    def not_seen(self, picture: Picture, missing: NotSeen) -> None:
+        """A look in which object or hand was not found."""
+        data = {"message": str(missing), "picture": picture.path}
+        self._job.publish("not_seen", data, self._result(), picture.keep)
+
+    def look(
+        self,
+        picture: Picture,
+        sighting: Sighting,
+        found: ImagePair,
+        turn: JointDifference,
+        answer: Answer,
+        moved: Joints | None = None,
+    ) -> None:
+        """What was seen and answered, and by how much the joints were `moved` then, (joints,) rad; None: not at all."""
+        look = LookRecord(
+            number=picture.number,
+            world_time=sighting.world_time,
+            object=(found.object.row, found.object.column, found.object.disparity),
+            hand=(found.hand.row, found.hand.column, found.hand.disparity),
+            hand_seen=found.hand_confidence > 0.0,
+            delta=tuple(float(value) for value in turn.angles),
+            support=answer.support,
+            neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
+            moved=() if moved is None else tuple(float(value) for value in moved),
+            picture=picture.path,
+        )
+        self._subtasks[-1] = self._subtasks[-1].model_copy(update={"looks": (*self._subtasks[-1].looks, look)})
+        data = {"subtask": self._subtasks[-1].name, **look.model_dump(mode="json")}
+        self._job.publish("look", data, self._result(), picture.keep)
+
+    def waypoint(self, turn: JointDifference, seconds: float, answer: Answer, moved: Joints) -> None:
+        """A way-point was passed that was to take `seconds` of world time; `moved` (joints,) rad from there before."""
+        passed = WaypointRecord(
+            delta=tuple(float(value) for value in turn.angles),
+            seconds=seconds,
+            support=answer.support,
+            neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
+            moved=tuple(float(value) for value in moved),
+        )
+        self._update("waypoint", way=(*self._subtasks[-1].way, passed))
+
+    def _update(self, kind: str, **changes: object) -> None:
+        self._subtasks[-1] = self._subtasks[-1].model_copy(update=changes)
+        self._publish(kind)
+
+    def _publish(self, kind: str) -> None:
+        data = self._subtasks[-1].model_dump(mode="json", exclude={"looks", "way"})
+        self._job.publish(kind, data, self._result())
+
+    def _result(self) -> RunResult:
+        return RunResult(subtasks=tuple(self._subtasks))
