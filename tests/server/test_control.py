@@ -14,8 +14,9 @@ from starlette.testclient import TestClient
 
 from handeye.rpc.errors import Internal, OutOfLimits, RpcError, Stopped, Unavailable
 from handeye.server.control import SILENCE_LIMIT, Control
-from tests.server.conftest import PARK, asking
+from tests.server.conftest import asking
 from tests.server.rest import done, ended, problem
+from tests.server.toys import PARK
 
 if TYPE_CHECKING:
     import httpx2

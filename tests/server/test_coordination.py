@@ -14,8 +14,8 @@ from handeye.server.results import CollectResult, GazeResult, JobView, ReachResu
 from handeye.server.schemas.coordination import GridViewRequest, PosturesRequest, ReachRequest
 from handeye.server.settings import ServerSettings
 from tests.modules.test_grid import drawn
-from tests.server.conftest import LATENCY
 from tests.server.rest import done, ended, problem
+from tests.server.toys import LATENCY
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,8 +13,8 @@ from handeye.server.results import JobState, JobView, RunResult
 from handeye.server.store.demonstrations import _observation
 from handeye.server.store.rows import dumps
 from handeye.server.training import TrainRequest
-from tests.server.conftest import JOINTS, LATENCY, PARK
 from tests.server.rest import done, problem
+from tests.server.toys import JOINTS, LATENCY, PARK
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
