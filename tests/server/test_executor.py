@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from handeye.robot_bridge.driver import Joints, Pace, RobotState, unwatched
 from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, Unavailable
 from handeye.server.acting import ActingRobot
 from handeye.server.acting_jobs import ActingJobs
+from handeye.server.album import Picture
 from handeye.server.jobs import JobBusy, Jobs
 from handeye.server.problem import NotFound
 from handeye.server.results import JobState, JobView
@@ -23,6 +25,8 @@ from handeye.server.training import TrainedTask
 from tests.server.running import FAR, UNTAUGHT, done, miss, run, train
 
 if TYPE_CHECKING:
+    from sqlalchemy import Connection
+
     from handeye.camera_bridge.driver import Image, Tick
     from handeye.modules.answers import Answer
     from handeye.modules.spaces import ImagePoint, JointDifference
@@ -203,6 +207,27 @@ def test_what_brings_the_hand_nowhere_does_not_matter(
     monkeypatch.setattr(TrainedTask, "answer", asking)
     job = run(lab)
     assert (None if job.error is None else job.error.code) == code
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_nothing_is_done_after_a_look_that_could_not_be_written_down(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    train(lab)
+    keep = Picture.keep
+
+    def fail(picture: Picture, connection: Connection) -> None:
+        if picture.number == number:
+            raise OperationalError("INSERT", None, Exception("database or disk is full"))
+        keep(picture, connection)
+
+    monkeypatch.setattr(Picture, "keep", fail)
+    job = run(lab)
+    assert job.error is not None
+    assert job.error.code == "store_failed"
+    assert "disk may be full" in job.error.message
+    # The first look's own move came before; at the second one the hand was there, and the gripper was to close.
+    assert [each for each in lab.robot.commands if each != "advance"] == ["adjust_joints", "stop"]
 
 
 def test_a_camera_that_is_gone_stops_the_arm(lab: Lab) -> None:

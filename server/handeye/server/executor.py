@@ -100,6 +100,10 @@ class Run:
 
         Before that it is begun again, as often as is set, when what was seen was not as taught.
         """
+        with self._record:
+            self._execute()
+
+    def _execute(self) -> None:
         try:
             start = self._robot.state().joints
             attempts = 1 if self._one_look else self._settings.attempts
@@ -144,6 +148,7 @@ class Run:
             if not (final and self._grip.holds()):
                 raise
             aligned = False
+        self._record.settle()
         if subtask.way:
             self._follow(subtask)
         if subtask.action == "close_gripper":
@@ -191,6 +196,7 @@ class Run:
             raise refusal
         if self._robot.lockstep:
             self._robot.wait(self._settings.thinking)
+        self._record.settle()
         way = self._goals.mean(state.joints, turn.angles) - state.joints
         largest = float(np.max(np.abs(way)))
         after = self._move(state, way) if largest > tolerance else state

@@ -23,6 +23,8 @@ log = structlog.get_logger(__name__)
 
 Kind = Literal["run", "train", "motion", "reach", "gaze", "pursuit", "collect"]
 
+_UNFORESEEN = ("internal", "store_failed")  # the log has what the job does not tell
+
 FINAL = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.INTERRUPTED})
 
 
@@ -191,7 +193,7 @@ class Job:
             self.enter(JobState.CANCELLED, JobError(code="cancelled", message=str(error)))
         except Exception as error:  # the one place where a job's errors end: every one becomes the job's own
             code = error_code(error)
-            log.warning("job failed", job=self.id, code=code, error=str(error), exc_info=code == "internal")
+            log.warning("job failed", job=self.id, code=code, error=str(error), exc_info=code in _UNFORESEEN)
             self.enter(JobState.FAILED, JobError(code=code, message=error_sentence(error)))
         else:
             self.enter(JobState.SUCCEEDED)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from sqlalchemy.exc import DatabaseError, InterfaceError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
+
 from handeye.modules.recognition import NotSeen
 from handeye.rpc import errors
 
@@ -150,6 +153,10 @@ def rpc_status(error: errors.RpcError) -> int:
     return _RPC_STATUS.get(type(error), 502)
 
 
+STORE_FAILURES = (DatabaseError, InterfaceError, PoolTimeout)
+"""What a store raises that cannot be written or read."""
+
+
 def error_code(error: BaseException) -> str:
     """The stable name of an error, the same in a problem and in a job's `error.code`."""
     if isinstance(error, errors.RpcError):
@@ -158,6 +165,8 @@ def error_code(error: BaseException) -> str:
         return "not_seen"
     if isinstance(error, RequestError):
         return error.code
+    if isinstance(error, STORE_FAILURES):
+        return "store_failed"
     return "internal"
 
 
@@ -165,6 +174,11 @@ def error_sentence(error: BaseException) -> str:
     """What to tell people; an unforeseen exception's own text stays in the log."""
     if error_code(error) == "internal":
         return "The coordinator failed in a way that was not foreseen; its log has the details."
+    if isinstance(error, STORE_FAILURES):
+        return (
+            "The store failed: its disk may be full or damaged, or its server down. The log has the details; try "
+            "again, or have the store looked at by `handeye verify`."
+        )
     return str(error)
 
 

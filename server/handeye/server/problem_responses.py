@@ -12,14 +12,13 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict
-from sqlalchemy.exc import DatabaseError, InterfaceError
-from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from handeye.modules.recognition import NotSeen
 from handeye.rpc import errors
 from handeye.server.problem import (
+    STORE_FAILURES,
     Malformed,
     RequestError,
     UnsupportedMediaType,
@@ -126,16 +125,12 @@ def install(app: FastAPI) -> None:
     async def _not_seen(_request: Request, error: NotSeen) -> JSONResponse:
         return respond(422, str(error), "not_seen")
 
-    @app.exception_handler(DatabaseError)
-    @app.exception_handler(InterfaceError)
-    @app.exception_handler(PoolTimeout)
     async def _store(_request: Request, error: Exception) -> JSONResponse:
         log.error("the store failed", exc_info=error)
-        detail = (
-            "The store failed: its disk may be full or damaged, or its server down. The log has the details; try "
-            "again, or have the store looked at by `handeye verify`."
-        )
-        return respond(503, detail, "store_failed")
+        return respond(503, error_sentence(error), error_code(error))
+
+    for failure in STORE_FAILURES:
+        app.add_exception_handler(failure, _store)
 
     @app.exception_handler(StoreError)
     async def _store_lost(_request: Request, error: StoreError) -> JSONResponse:

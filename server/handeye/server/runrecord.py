@@ -1,6 +1,18 @@
-"""What a run of a task tells of itself: each step is durable, with its picture, before anybody hears of it."""
+"""What a run of a task tells of itself: each step is durable, with its picture, before anybody hears of it.
+
+A disk may take as long as a whole step. So it is written down while the next look is taken, and the run waits for it
+before the robot acts on that look (`settle`).
+"""
 
 from __future__ import annotations
+
+import contextvars
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from types import TracebackType
+from typing import Any, Self
+
+from sqlalchemy import Connection
 
 from handeye.modules.answers import Answer
 from handeye.modules.recognition import NotSeen
@@ -15,11 +27,28 @@ _NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sam
 
 
 class RunRecord:
-    """The subtasks that were begun, and all looks and way-points in them."""
+    """The subtasks that were begun, and all looks and way-points in them. For one thread, while its context is open."""
 
     def __init__(self, job: Job) -> None:
         self._job = job
         self._subtasks: list[SubtaskRecord] = []
+        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="record")
+        self._pending: list[Future[None]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._writer.shutdown()
+        self.settle()
+
+    def settle(self) -> None:
+        """Waits until all that was told is durable, within the store's deadlines; raises what kept it from being so."""
+        pending, self._pending = self._pending, []
+        for each in pending:
+            each.result()
 
     @property
     def subtasks(self) -> int:
@@ -42,16 +71,16 @@ class RunRecord:
 
     def again(self, trouble: Exception) -> None:
         """The task begins anew, and why."""
-        self._job.publish("again", {"message": str(trouble)}, self._result())
+        self._tell("again", {"message": str(trouble)})
 
     def stop(self, why: str, *, stopped: bool) -> None:
         """The arm was told to stop, or could not be told."""
-        self._job.publish("stop", {"stopped": stopped, "message": why}, self._result())
+        self._tell("stop", {"stopped": stopped, "message": why})
 
     def not_seen(self, picture: Picture, missing: NotSeen) -> None:
         """A look in which object or hand was not found."""
         data = {"message": str(missing), "picture": picture.path}
-        self._job.publish("not_seen", data, self._result(), picture.keep)
+        self._tell("not_seen", data, picture.keep)
 
     def look(
         self,
@@ -77,7 +106,7 @@ class RunRecord:
         )
         self._subtasks[-1] = self._subtasks[-1].model_copy(update={"looks": (*self._subtasks[-1].looks, look)})
         data = {"subtask": self._subtasks[-1].name, **look.model_dump(mode="json")}
-        self._job.publish("look", data, self._result(), picture.keep)
+        self._tell("look", data, picture.keep)
 
     def waypoint(self, turn: JointDifference, seconds: float, answer: Answer, moved: Joints) -> None:
         """A way-point was passed that was to take `seconds` of world time; `moved` (joints,) rad from there before."""
@@ -96,7 +125,11 @@ class RunRecord:
 
     def _publish(self, kind: str) -> None:
         data = self._subtasks[-1].model_dump(mode="json", exclude={"looks", "way"})
-        self._job.publish(kind, data, self._result())
+        self._tell(kind, data)
+
+    def _tell(self, kind: str, data: dict[str, Any], also: Callable[[Connection], object] | None = None) -> None:
+        told = contextvars.copy_context()  # the request's id goes with it, into the log
+        self._pending.append(self._writer.submit(told.run, self._job.publish, kind, data, self._result(), also))
 
     def _result(self) -> RunResult:
         return RunResult(subtasks=tuple(self._subtasks))
