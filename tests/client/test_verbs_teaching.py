@@ -47,7 +47,12 @@ class Studio:
         return httpx2.Response(201, json=DEMONSTRATION)
 
 
-STEPS = "key lift off\n\nlook lift off\ngoal lift off\nclose lift off\ngoal tip @ jar\nway tip\nfinish\n"
+STEPS = "key lift off\n\nlook lift off\ngoal lift off\nclose lift off\ngoal tip @ jar\nway tip\n"
+STEPS += "look pour (240, 320.5, 150)\nlook pour @ jar (1, 2, 3)\nfinish\n"
+
+
+def towards(other: str | None) -> dict[str, Any]:
+    return {"subtask": "pour", "object": other, "goal": False, "key": False}
 
 
 def test_a_person_records_line_by_line(run: Run) -> None:
@@ -64,6 +69,8 @@ def test_a_person_records_line_by_line(run: Run) -> None:
         (f"{path}/actions", {"subtask": "lift off", "action": "close_gripper"}),
         (f"{path}/observations", {"subtask": "tip", "object": "jar", "goal": True, "key": False}),
         (f"{path}/waypoints", {"subtask": "tip"}),
+        (f"{path}/observations", {**towards(None), "object_at": [240.0, 320.5, 150.0]}),
+        (f"{path}/observations", {**towards("jar"), "object_at": [1.0, 2.0, 3.0]}),
         (f"{path}/finish", {}),
     ]
 
@@ -74,7 +81,15 @@ def test_a_recording_that_ends_early_says_so(run: Run) -> None:
     assert "Demonstration 'grasp-1' stays unfinished" in said(result)
 
 
-@pytest.mark.parametrize(("line", "message"), [("jump a", "'jump a' is no step"), ("look", "'look' is no step")])
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("jump a", "'jump a' is no step"),
+        ("look", "'look' is no step"),
+        ("look a @", "'look a @' is no step; a look is: look SUBTASK @ OBJECT"),
+        ("goal a (1, 2)", "(1, 2) is no point; one is three numbers"),
+    ],
+)
 def test_a_line_that_is_no_step_ends_a_script(run: Run, line: str, message: str) -> None:
     result = run(Studio(), "record", "grasp", "--object", "cup", text=f"{line}\n{STEPS}")
     assert isinstance(result.exception, WrongStep)

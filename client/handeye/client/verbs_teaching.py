@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal, NamedTuple
@@ -15,6 +16,9 @@ from handeye.client.models import Demonstration, Observation
 from handeye.client.verbs_common import Token, Url, connect, signals_unwind
 
 STEPS = "look SUBTASK, key SUBTASK, goal SUBTASK, way SUBTASK, close SUBTASK, open SUBTASK, finish"
+
+_LOOK = re.compile(r"(?P<subtask>[^@(]+)(@(?P<towards>[^(]+))?(\((?P<marked>.*)\))?")
+"""SUBTASK @ OBJECT (ROW, COLUMN, DISPARITY): the object and the point are optional."""
 
 
 class WrongStep(HandeyeError):
@@ -37,8 +41,9 @@ def record(
 
     `look S`: look, in subtask S. `key S`: the same where the subtask begins. `goal S`: the same where it ends.
     `way S`: do not look, the arm goes on through here after the goal. `close S`, `open S`: what the gripper did at
-    its end. `finish`. `look S @ OBJECT`, also with key and goal: S is towards another object. Lines come from the
-    terminal or from stdin.
+    its end. `finish`. `look S @ OBJECT`, also with key and goal: S is towards another object. An object that is not
+    recognised is marked: `look S (ROW, COLUMN, DISPARITY)`, in px, where its middle is in the left picture, and by how
+    much further to the left it is in the right one. Lines come from the terminal or from stdin.
     """
     with connect(url, token) as client, signals_unwind():
         shown = client.begin_demonstration(task, object_name)
@@ -88,7 +93,7 @@ def _lines(interactive: bool) -> Iterator[str]:
 def _step(client: Client, demonstration: str, line: str) -> bool:
     """One step; True when it was the last one."""
     word, _, rest = line.partition(" ")
-    subtask, _, towards = (each.strip() for each in rest.partition("@"))
+    subtask = rest.strip()
     if line == "finish":
         client.finish_demonstration(demonstration)
         return True
@@ -101,13 +106,35 @@ def _step(client: Client, demonstration: str, line: str) -> bool:
         passed = client.add_waypoint(demonstration, subtask)
         typer.echo(f"  {passed.number}: '{subtask}' goes on through here, {passed.seconds:.1f} s later", err=True)
     else:
-        seen = client.observe(
-            demonstration, subtask, object_name=towards or None, goal=word == "goal", key=word == "key"
-        )
-        typer.echo(
-            f"  {seen.number}: '{subtask}', object at {_pixels(seen.object)}, hand at {_pixels(seen.hand)}", err=True
-        )
+        _look(client, demonstration, word, rest)
     return False
+
+
+def _look(client: Client, demonstration: str, word: str, rest: str) -> None:
+    """Looks as the rest of a line after the word `look`, `key` or `goal` says."""
+    said = _LOOK.fullmatch(rest)
+    if said is None:
+        raise WrongStep(f"'{word} {rest}' is no step; a look is: {word} SUBTASK @ OBJECT (ROW, COLUMN, DISPARITY)")
+    subtask, towards, marked = said["subtask"].strip(), said["towards"], said["marked"]
+    seen = client.observe(
+        demonstration,
+        subtask,
+        object_name=None if towards is None else towards.strip(),
+        goal=word == "goal",
+        key=word == "key",
+        object_at=None if marked is None else _point(marked),
+    )
+    typer.echo(
+        f"  {seen.number}: '{subtask}', object at {_pixels(seen.object)}, hand at {_pixels(seen.hand)}", err=True
+    )
+
+
+def _point(marked: str) -> list[float]:
+    try:
+        row, column, disparity = (float(each) for each in marked.split(","))
+    except ValueError:
+        raise WrongStep(f"({marked}) is no point; one is three numbers, in px: (ROW, COLUMN, DISPARITY)") from None
+    return [row, column, disparity]
 
 
 def _pixels(point: Sequence[float] | None) -> str:
