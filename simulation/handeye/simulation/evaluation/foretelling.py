@@ -1,5 +1,5 @@
 """Whether low support foretells failure: every trial is run to its end, however little support its answers have, at
-places that were taught and at places far from them. A task would have held where support was below its bound.
+places that were taught and at places far from them. A run would have held where support was below its bound.
 
 In the hand's own axes three demonstrations carry so far that hardly anything fails; where the thesis's differences in
 the picture are what a task goes by, ten do not.
@@ -26,7 +26,8 @@ from handeye.simulation.teacher import Teacher
 from handeye.simulation.trying import Judged, Trials
 
 _WIDE = 0.60  # m
-_LEAST_SUPPORT = 0.2  # as tasks are set
+_LEAST_SUPPORT = 0.4  # chosen on seeds 2 and 3 (hand's axes): of 119 good trials, 2 had less, and 5 % less than 0.46
+_SET = 0.2  # as the server is set: what is far outside of what was taught
 _TOUCHED = 2.0  # mm that a cup has moved
 
 
@@ -105,16 +106,22 @@ def _figures_of(course: str, found: Sequence[Trial]) -> Iterator[Figure]:
     failing = [each for each in found if each["course"] == course and not each["well"]]
     good = [each for each in found if each["course"] == course and each["well"]]
 
-    def flagged(trials: Sequence[Trial]) -> list[bool]:
-        return [each["support_before"] < _LEAST_SUPPORT for each in trials]
+    def flagged(trials: Sequence[Trial], least: float) -> list[bool]:
+        return [each["support_before"] < least for each in trials]
 
     yield share(f"{course}: trials end well when nothing holds them", [each["well"] for each in (*good, *failing)])
     if good:
-        yield share(f"{course}: of good trials held in vain", flagged(good), most=5.0)
+        yield share(
+            f"{course}: of good trials held in vain by {_LEAST_SUPPORT}", flagged(good, _LEAST_SUPPORT), most=5.0
+        )
+        yield share(f"{course}: of good trials by {_SET}, as the server is set", flagged(good, _SET))
     if not failing:
         return
     untouched = [each["untouched"] for each in failing]
-    yield share(f"{course}: of failing trials flagged beforehand", flagged(failing), 80.0)
+    yield share(
+        f"{course}: of failing trials held beforehand by {_LEAST_SUPPORT}", flagged(failing, _LEAST_SUPPORT), 80.0
+    )
+    yield share(f"{course}: of failing trials by {_SET}, as the server is set", flagged(failing, _SET))
     yield share(f"{course}: of failing trials ended by themselves with the cup untouched", untouched)
     if good:
         yield _told_apart(
