@@ -48,7 +48,7 @@ def share(
     n, k = len(passed), sum(passed)
     p = k / n
     middle, half = (p + _Z**2 / (2 * n)), _Z * math.sqrt(p * (1 - p) / n + _Z**2 / (4 * n**2))
-    low, high = ((middle + sign * half) / (1 + _Z**2 / n) for sign in (-1, 1))
+    low, high = (min(max((middle + sign * half) / (1 + _Z**2 / n), 0.0), 1.0) for sign in (-1, 1))
     target, met = "", None
     if least is not None:
         target, met = f"≥ {least:g} %", 100 * p >= least
