@@ -66,6 +66,9 @@ def test_figures_have_intervals() -> None:
     assert (figure.value, figure.met) == (95.0, True)
     assert [figure.low, figure.high] == pytest.approx([88.8, 97.8], abs=0.1)
     assert share("reached", [True] * 94 + [False] * 6, 95.0).met is False
+    assert all(
+        share("reached", [False] * n).low >= 0.0 and share("reached", [True] * n).high <= 100.0 for n in range(1, 99)
+    )
     values = np.random.default_rng(0).normal(3.0, 1.0, 400)
     mean = average("error", values, "mm", 2.5)
     assert mean.met is False
