@@ -142,7 +142,8 @@ def test_a_holder_that_freezes_or_dies_leaves_a_standing_arm(lab: Lab, robot: Re
             now = robot.state().world_time
             time.sleep(0.2)
             assert robot.state().world_time == now
-            assert still.world_time - before.world_time < 10.0
+            # The world goes at up to some hundred times real time: for 0.1 s as it should, for 1 s if it did not wait.
+            assert still.world_time - before.world_time < 30.0
         # Nobody else may move it for 2 s, and then not before a reset.
         with pytest.raises(Busy, match="'holder'"), robot.lease():
             pass
