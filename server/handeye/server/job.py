@@ -178,7 +178,7 @@ class Job:
             self._append("state", view)
 
     def _append(self, kind: str, data: dict[str, Any]) -> None:
-        """Only the job's own thread does: the numbers follow each other."""
+        """One thread at a time does, the job's own or one that writes for it: the numbers follow each other."""
         self._events.append(Event(self._newest + 1, kind, data))
         self._changed.notify_all()
 

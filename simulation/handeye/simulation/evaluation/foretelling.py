@@ -15,13 +15,12 @@ import numpy as np
 
 from handeye.robot_bridge.driver import unwatched
 from handeye.simulation.collecting import collect
-from handeye.simulation.evaluation.grasp import CUP, possible, told
+from handeye.simulation.evaluation.grasp import CUP, possible, show, told
 from handeye.simulation.evaluation.outcome import Figure, average, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.lessons import grasp
-from handeye.simulation.places import Place, Purpose, generator
+from handeye.simulation.places import Place, Purpose
 from handeye.simulation.report import Picture
-from handeye.simulation.scene import WORKSPACE_SIZE
 from handeye.simulation.teacher import Teacher
 from handeye.simulation.trying import Judged, Trials
 
@@ -56,12 +55,7 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
         teacher = Teacher(site.robot, site.lab, site.client, grasp(CUP), task, unwatched)
         if number == 1:
             teacher.register_objects(seed)
-        taught, _ = possible(site, seed, Purpose.TEACHING, course.demonstrations, WORKSPACE_SIZE)
-        motions = generator(seed, Purpose.MOTIONS)
-        with site.progress(f"teaching: {course.name}", course.demonstrations) as advance:
-            for place in taught:
-                teacher.demonstrate((place,), motions, lambda: None)
-                advance()
+        show(site, teacher, seed, course.demonstrations, f"teaching: {course.name}")
         site.client.train(task, frame=course.frame)
         found += _tried(site, task, course, places)
         pictures.append(Picture(site.client.frame("observer"), f"{course.name}, seed {seed}: the last trial's end."))

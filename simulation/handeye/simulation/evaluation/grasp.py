@@ -110,6 +110,15 @@ def _teach(site: Site, teacher: Teacher, course: Course, seed: int) -> int:
     return rejected
 
 
+def show(site: Site, teacher: Teacher, seed: int, demonstrations: int, title: str) -> None:
+    """Shows so many demonstrations at a seed's places in the ordinary square."""
+    motions = generator(seed, Purpose.MOTIONS)
+    with site.progress(title, demonstrations) as advance:
+        for place in draw(seed, Purpose.TEACHING, demonstrations):
+            teacher.demonstrate((place,), motions, lambda: None)
+            advance()
+
+
 def possible(site: Site, seed: int, purpose: Purpose, count: int, size: float) -> tuple[list[Place], int]:
     """`count` random places in a square, and how many were rejected: where the teacher's hand cannot grasp.
 

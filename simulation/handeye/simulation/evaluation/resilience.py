@@ -16,12 +16,12 @@ from handeye.rpc.errors import InvalidArgument
 from handeye.simulation import grasping, gripper, kinematics, rig
 from handeye.simulation.collecting import collect
 from handeye.simulation.conditions import Conditions
-from handeye.simulation.evaluation.grasp import CUP, told
+from handeye.simulation.evaluation.grasp import CUP, show, told
 from handeye.simulation.evaluation.outcome import Figure, count, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.lessons import grasp
 from handeye.simulation.objects import GRID
-from handeye.simulation.places import Place, Purpose, draw, generator
+from handeye.simulation.places import Place, Purpose, draw
 from handeye.simulation.pose import Pose
 from handeye.simulation.report import Picture
 from handeye.simulation.teacher import Teacher
@@ -85,11 +85,7 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
     collect("CSS", site.lab, site.client, seed, site.progress)
     teacher = Teacher(site.robot, site.lab, site.client, grasp(CUP), _TASK, unwatched)
     teacher.register_objects(seed)
-    motions = generator(seed, Purpose.MOTIONS)
-    with site.progress("teaching", _TAUGHT) as advance:
-        for place in draw(seed, Purpose.TEACHING, _TAUGHT):
-            teacher.demonstrate((place,), motions, lambda: None)
-            advance()
+    show(site, teacher, seed, _TAUGHT, "teaching")
     site.client.train(_TASK)
     found: list[Trial] = []
     for kind, mischance in enumerate(MISCHANCES):
