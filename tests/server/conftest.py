@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import socket
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,9 +24,11 @@ from handeye.server.coordinator import Coordinator
 from handeye.server.demonstration import Action
 from handeye.server.metrics import Metrics
 from handeye.server.results import TrainStatistics
+from handeye.server.serve import http_server
 from handeye.server.settings import ServerSettings
 from handeye.server.store import Store
 from handeye.server.training import TrainRequest
+from tests.server.rest import declaration
 from tests.server.toys import JOINTS, LATENCY, PARK, ToyCameras, ToyHead, ToyRobot, ToySight, World
 
 TOKEN = "a-token-for-tests"
@@ -109,6 +113,24 @@ def lab(store: Store) -> Iterator[Lab]:
 def http(lab: Lab) -> Iterator[TestClient]:
     with asking(lab) as client:
         yield client
+
+
+@pytest.fixture
+def url(lab: Lab) -> Iterator[str]:
+    """Where the lab's application is served over a real connection."""
+    stop = threading.Event()
+    with (
+        closing(socket.create_server(("127.0.0.1", 0))) as listener,
+        http_server(lab.app(), listener, stop),
+        closing(lab.coordinator),
+    ):
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+
+
+@pytest.fixture
+def module(http: TestClient) -> str:
+    """Where a module without samples is."""
+    return str(http.post("/v1/modules", json=declaration()).headers["location"])
 
 
 @contextmanager

@@ -15,18 +15,15 @@ from typer.testing import CliRunner
 
 from handeye.client.verbs import register
 from tests.server.conftest import TOKEN
-from tests.server.test_client import url
 
 if TYPE_CHECKING:
     from tests.server.conftest import Lab
-
-__all__ = ["url"]
 
 Run = Callable[..., str]
 
 
 @pytest.fixture
-def run(url: str, monkeypatch: pytest.MonkeyPatch) -> Run:  # the fixture of the other module
+def run(url: str, monkeypatch: pytest.MonkeyPatch) -> Run:
     """What a command says; it must succeed."""
     monkeypatch.setenv("HANDEYE_URL", url)
     monkeypatch.setenv("HANDEYE_TOKEN", TOKEN)

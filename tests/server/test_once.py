@@ -24,11 +24,6 @@ if TYPE_CHECKING:
 KEY = {"Idempotency-Key": "a-key"}
 
 
-@pytest.fixture
-def module(http: TestClient) -> str:
-    return str(http.post("/v1/modules", json=declaration()).headers["location"])
-
-
 def test_the_same_request_gets_the_same_answer_and_is_done_once(http: TestClient, module: str) -> None:
     first = http.post(f"{module}/samples", json=samples(3), headers=KEY)
     again = http.post(f"{module}/samples", json=samples(3), headers=KEY)
