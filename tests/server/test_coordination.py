@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,18 +10,21 @@ import numpy as np
 import pytest
 
 from handeye.modules import css
+from handeye.server.answering import NothingTaught
 from handeye.server.gaze import GazeSettings
 from handeye.server.results import CollectResult, GazeResult, JobView, ReachResult
 from handeye.server.schemas.coordination import GridViewRequest, PosturesRequest, ReachRequest
 from handeye.server.settings import ServerSettings
 from tests.modules.test_grid import drawn
 from tests.server.rest import done, ended, problem
-from tests.server.toys import LATENCY
+from tests.server.toys import LATENCY, PARK
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from starlette.testclient import TestClient
 
+    from handeye.camera_bridge.driver import Image
+    from handeye.modules.spaces import ImagePoint
     from handeye.server.job import Job
     from tests.server.conftest import Lab
 
@@ -117,12 +121,38 @@ class TestFixating:
         assert len(samples.numbers) == 1
         assert np.linalg.norm(samples.inputs[0, :2] - MIDDLE) == pytest.approx(offset, abs=5.0)
 
+    def test_at_the_end_of_the_heads_range_it_probes_the_other_way(self, lab: Lab) -> None:
+        show_cup(lab)
+        lab.world.head = (0.98, 0.0)  # it turns to 1.0
+        lab.world.cup = np.array([200.0, MIDDLE[1] - 600.0 * np.tan(0.9), 150.0])
+        succeeded(lab.coordinator.coordination.collect_fixation("blue cup", "all"))
+        assert lab.world.head[0] == pytest.approx(0.9, abs=0.01)
+
     def test_what_is_not_seen_teaches_nothing(self, lab: Lab) -> None:
         show_cup(lab)
         lab.world.hidden.add("object")
         told = view(lab.coordinator.coordination.collect_fixation("blue cup", "all"))
         assert told.error is not None
         assert told.error.code == "not_seen"
+        assert lab.coordinator.modules.live("SCS").samples == 0
+
+    def test_what_moves_meanwhile_teaches_nothing(self, lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+        show_cup(lab)
+        lab.world.cup = np.array([200.0, 300.0, 150.0])
+        find, looks = lab.sight.see_object, itertools.count()
+
+        def see_object(left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
+            if next(looks) == 1:
+                lab.world.cup = lab.world.cup + np.array([0.0, 20.0, 0.0])
+            return find(left, right, name)
+
+        monkeypatch.setattr(lab.sight, "see_object", see_object)
+        told = view(lab.coordinator.coordination.collect_fixation("blue cup", "all"))
+        assert told.error is not None
+        assert told.error.code == "not_fixated"
+        assert "must rest" in told.error.message
+        assert isinstance(told.result, CollectResult)
+        assert told.result.rejected == {"moving": 1}
         assert lab.coordinator.modules.live("SCS").samples == 0
 
     def test_a_view_that_head_turns_do_not_change_is_given_up(self, lab: Lab) -> None:
@@ -233,8 +263,11 @@ class TestBabbling:
     def test_goes_on_where_it_ended(self, lab: Lab) -> None:
         collect(lab, "AJS", postures=10)
         before = lab.coordinator.modules.live("AJS").samples
-        again = collect(lab, "AJS", postures=25, seed=2)
+        lab.world.joints = PARK.copy()  # as a world that was made anew begins
+        again = collect(lab, "AJS", postures=25)
         assert lab.coordinator.modules.live("AJS").samples == before + again.added["AJS"]
+        inputs = lab.coordinator.modules.samples("AJS", -1, 1000)[0].inputs
+        assert len(np.unique(inputs[:, :3], axis=0)) == 9 + 14  # none was visited twice
         assert "posture-25" in lab.coordinator.modules.demonstrations("AJS")
         assert collect(lab, "AJS", postures=25).added == {"AJS": 0}
 
@@ -350,6 +383,55 @@ class TestReaching:
         for body in ({}, {"object": "blue cup", "point": [1.0, 2.0, 3.0]}, {"point": [1.0, 2.0]}):
             problem(http.post("/v1/reaches", json=body), 422, "invalid_argument")
         problem(http.post("/v1/reaches", json={"object": "red cup"}), 404, "not_found")
+
+    def test_an_object_that_is_moved_meanwhile_is_followed(self, lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+        able(lab)
+        lab.world.cup = np.array([290.0, 250.0, 175.0])
+        moved = np.array([270.0, 280.0, 165.0])
+        find = lab.sight.see_object
+
+        def see_object(left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
+            found = find(left, right, name)
+            lab.world.cup = moved
+            return found
+
+        monkeypatch.setattr(lab.sight, "see_object", see_object)
+        told = succeeded(lab.coordinator.coordination.reach(ReachRequest(object="blue cup")))
+        assert np.abs(lab.world.hand - moved).max() < 0.6
+        assert looks(told).looks[0].target != looks(told).looks[-1].target
+
+    def test_an_object_that_is_hidden_meanwhile_is_where_it_was(
+        self, lab: Lab, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        able(lab)
+        lab.world.cup = np.array([290.0, 250.0, 175.0])
+        find = lab.sight.see_object
+
+        def see_object(left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
+            found = find(left, right, name)
+            lab.world.hidden.add("object")
+            return found
+
+        monkeypatch.setattr(lab.sight, "see_object", see_object)
+        succeeded(lab.coordinator.coordination.reach(ReachRequest(object="blue cup")))
+        assert np.abs(lab.world.hand - lab.world.cup).max() < 0.6
+
+    def test_the_head_turns_to_the_object_before_if_asked_to(self, http: TestClient, lab: Lab) -> None:
+        able(lab)
+        lab.world.head = (-0.2, -0.1)
+        lab.world.cup = np.array([290.0, 250.0, 175.0])
+        job = ended(http, http.post("/v1/reaches", json={"object": "blue cup", "gaze": True}))
+        assert job["state"] == "succeeded", job["error"]
+        assert np.abs(lab.world.hand - lab.world.cup).max() < 2.0  # CAS saw few hands from there
+        seen = np.array(job["result"]["looks"][0]["target"])[:2]
+        assert np.abs(seen - MIDDLE).max() < 30.0  # of 200 px; it was fixated eight times only
+        assert np.abs((lab.world.cup + lab.world.shift)[:2] - seen).max() < 1.0
+        problem(http.post("/v1/reaches", json={"point": [1.0, 2.0, 3.0], "gaze": True}), 422, "invalid_argument")
+
+    def test_the_head_turns_by_what_it_was_taught_only(self, lab: Lab) -> None:
+        show_cup(lab)
+        with pytest.raises(NothingTaught, match="SCS"):
+            lab.coordinator.coordination.reach(ReachRequest(object="blue cup", gaze=True))
 
 
 class TestGridViews:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import threading
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection
 
     from handeye.camera_bridge.driver import Image, Tick
-    from handeye.modules.answers import Answer
-    from handeye.modules.spaces import ImagePoint, JointDifference
+    from handeye.modules.spaces import ImagePoint
+    from handeye.server.skill import SkillAnswer
     from tests.server.conftest import Lab
 
 
@@ -176,9 +177,25 @@ def test_outside_the_taught_region_the_task_holds_and_asks_for_a_demonstration(l
     assert job.error is not None
     assert "outside the taught region" in job.error.message
     assert "nearest demonstration is 'grasp-" in job.error.message
+    assert "row 100, column 600, disparity 150" in job.error.message
     look = done(job).subtasks[0].looks[-1]
     assert look.moved == ()
     assert look.support < 0.2
+    assert "adjust_joints" not in lab.robot.commands
+
+
+def test_where_css_was_not_taught_the_task_holds_and_asks_for_grids(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab)
+    answering = TrainedTask.answer
+
+    def unsure(self: TrainedTask, *query: Any) -> SkillAnswer:
+        return replace(answering(self, *query), seen=0.1)
+
+    monkeypatch.setattr(TrainedTask, "answer", unsure)
+    job = failed(lab, "outside_taught_region")
+    assert job.error is not None
+    assert "collect CSS" in job.error.message
+    assert done(job).subtasks[0].looks[-1].support == 0.1
     assert "adjust_joints" not in lab.robot.commands
 
 
@@ -198,11 +215,11 @@ def test_what_brings_the_hand_nowhere_does_not_matter(
     train(lab, max_looks=4)
     answering = TrainedTask.answer
 
-    def asking(self: TrainedTask, *query: Any) -> tuple[JointDifference, Answer]:
-        turn, answer = answering(self, *query)
+    def asking(self: TrainedTask, *query: Any) -> SkillAnswer:
+        told = answering(self, *query)
         if query[0] == "grasp":
-            turn.angles[joint] = 0.015
-        return turn, answer
+            told.turn.angles[joint] = 0.015
+        return told
 
     monkeypatch.setattr(TrainedTask, "answer", asking)
     job = run(lab)
@@ -299,6 +316,35 @@ def test_while_it_waits_for_pictures_the_lease_is_kept_and_cancel_is_heard(lab: 
     assert job.view().state is JobState.CANCELLED
     assert lab.robot.beats > 0
     assert lab.robot.commands[-1] == "stop"
+
+
+def test_while_it_waits_for_the_store_the_lease_is_kept_and_cancel_is_heard(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    train(lab)
+    writing, go_on = threading.Event(), threading.Event()
+    keep = Picture.keep
+
+    def slowly(picture: Picture, connection: Connection) -> None:
+        writing.set()
+        assert go_on.wait(10.0)
+        keep(picture, connection)
+
+    monkeypatch.setattr(Picture, "keep", slowly)
+    job = lab.coordinator.run("grasp", "blue cup", one_look=False)
+    assert writing.wait(10.0)
+    before = lab.robot.beats
+    deadline = time.monotonic() + 5.0
+    while lab.robot.beats < before + 5 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert lab.robot.beats >= before + 5
+    job.cancel()
+    while lab.robot.commands[-1] != "stop" and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert lab.robot.commands[-1] == "stop"
+    go_on.set()
+    assert job.wait(5.0)
+    assert job.view().state is JobState.CANCELLED
 
 
 def test_closing_the_coordinator_cancels_what_is_under_way(lab: Lab) -> None:

@@ -14,7 +14,7 @@ from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import ImagePair, ImagePoint
 from handeye.server.eyes import Vision
 from handeye.server.pictures import jpeg, right_column, side_by_side
-from handeye.server.problem import Invalid
+from handeye.server.problem import Invalid, NotFound
 
 EMPTY: Image = np.full((240, 320, 3), 120, np.uint8)
 
@@ -30,6 +30,15 @@ def test_an_object_is_learned_from_pictures_and_missed_where_it_is_not() -> None
     vision.learn("cup", [EMPTY, EMPTY], [with_cup(150), with_cup(110)])
     with pytest.raises(NotSeen):  # the hand's marker is not there
         vision.see(with_cup(150), with_cup(110), "cup")
+
+
+def test_an_object_that_was_deleted_meanwhile_is_not_known_any_more() -> None:
+    vision = Vision()
+    vision.learn("cup", [EMPTY, EMPTY], [with_cup(150), with_cup(110)])
+    vision.forget("cup")
+    for see in (vision.see, vision.see_object):
+        with pytest.raises(NotFound, match="'cup' is not known any more"):
+            see(with_cup(150), with_cup(110), "cup")
 
 
 def test_pictures_that_show_nothing_new_teach_nothing() -> None:

@@ -196,11 +196,35 @@ def test_a_job_whose_end_cannot_be_written_has_ended_nevertheless(store: Store, 
     assert job.view().state == "succeeded"
     assert jobs.get(job.id).view().state == "succeeded"  # not "running", as the store has it
     assert jobs.page(None, 10)[0][0].state == "succeeded"
+    jobs.require_none()
     again = start(jobs, gate)
     assert again.wait(10.0)
 
 
 # --- many jobs ------------------------------------------------------------------------------------------------------
+
+
+def test_a_job_whose_thread_does_not_start_has_ended(jobs: Jobs, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(threading.Thread, "start", refuse)
+        job = start(jobs, lambda _job: None, acts=True)
+    assert job.view().state is JobState.CANCELLED
+    jobs.require_none()
+    assert start(jobs, lambda _job: None, acts=True).wait(5.0)
+
+
+def test_an_event_without_a_result_leaves_the_result(jobs: Jobs) -> None:
+    def work(job: Job) -> None:
+        job.publish("look", {"number": 0}, RESULT)
+        job.publish("look", {"number": 1}, None)
+
+    job = start(jobs, work)
+    assert job.wait(5.0)
+    assert job.view().result == RESULT
+    assert [each.data for each in job.events(0, 0.0) if each.kind == "look"] == [{"number": 0}, {"number": 1}]
 
 
 def test_jobs_come_newest_first_in_pages(jobs: Jobs) -> None:

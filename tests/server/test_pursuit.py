@@ -41,6 +41,7 @@ class Sky:
         self.support = 1.0
         self.cancelled_at = math.inf
         self.result: PursuitResult | None = None
+        self.looks = 0
         self.shares: list[float] = []
 
     # The looker
@@ -88,9 +89,12 @@ class Sky:
     def report(self, share: float) -> None:
         self.shares.append(share)
 
-    def publish(self, kind: str, data: dict[str, Any], result: PursuitResult) -> None:
-        assert kind == "look"
-        assert data["number"] == len(result.looks) - 1
+    def publish(self, kind: str, data: dict[str, Any], result: None) -> None:
+        assert (kind, data["number"]) == ("look", self.looks)
+        self.looks += 1
+
+    def finish(self, result: PursuitResult) -> None:
+        assert len(result.looks) == self.looks
         self.result = result
 
     def pursue(self, duration: float, settings: PursuitSettings | None = None) -> list[float | None]:

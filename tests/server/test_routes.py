@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -15,11 +15,12 @@ from pydantic import SecretStr
 from handeye.rpc import errors
 from handeye.server.settings import ServerSettings
 from tests.server.conftest import TOKEN
-from tests.server.rest import ended, problem
+from tests.server.rest import done, ended, problem
 
 if TYPE_CHECKING:
     from starlette.testclient import TestClient
 
+    from handeye.camera_bridge.driver import StereoPair
     from tests.server.conftest import Lab
 
 
@@ -289,3 +290,27 @@ def test_the_openapi_document_names_the_problems(http: TestClient) -> None:
         if path.startswith("/v1"):
             for operation in methods.values():
                 assert "application/problem+json" in operation["responses"]["422"]["content"], path
+
+
+def test_a_job_that_was_stopped_does_not_go_on_when_the_stop_is_cleared(
+    lab: Lab, http: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab.teach(lab.places)
+    lab.train()
+    grab, waiting, come = lab.cameras.grab_stereo, threading.Event(), threading.Event()
+
+    def late(*asked: Any) -> StereoPair:
+        waiting.set()
+        assert come.wait(10.0)
+        return grab(*asked)
+
+    monkeypatch.setattr(lab.cameras, "grab_stereo", late)
+    run = http.post("/v1/tasks/grasp/runs", json={"object": "blue cup"}).headers["location"]
+    assert waiting.wait(10.0)
+    http.post("/v1/robot/stop", json={"reason": "a test"})
+    assert run.rsplit("/", 1)[1] in problem(http.post("/v1/robot/reset"), 409, "busy")
+    come.set()
+    http.get(f"{run}/events")  # ends with the job
+    done(http.post("/v1/robot/reset"))
+    assert done(http.get(run))["state"] == "cancelled"
+    assert "adjust_joints" not in lab.robot.commands

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ from handeye.server.demonstration import Demonstration
 from handeye.server.demonstrations import Demonstrations, Incomplete
 from handeye.server.livemodules import LiveModules
 from handeye.server.pairs import NotTeachable, pairs
-from handeye.server.problem import NotFound
+from handeye.server.problem import Conflict, NotFound
 from handeye.server.store import Store
 from handeye.server.training import Tasks, TrainRequest, common_subtasks, declare
 
@@ -113,10 +114,10 @@ def test_answers_come_from_the_asked_subtask(recorded: Demonstrations, tasks: Ta
     for _ in range(3):
         shown(recorded)
     tasks.train("grasp", recorded.trainable("grasp"), TrainRequest(approximator="nearest"))
-    turn, answer = tasks.get("grasp").answer("b", FOUND, joints(0.1))  # where only 'a' was shown
-    assert turn.angles[0] == pytest.approx(0.4)
-    assert answer.neighbours[0].demonstration == "grasp-1"
-    assert answer.support < 1.0
+    told = tasks.get("grasp").answer("b", FOUND, joints(0.1))  # where only 'a' was shown
+    assert told.turn.angles[0] == pytest.approx(0.4)
+    assert told.answer.neighbours[0].demonstration == "grasp-1"
+    assert told.support == told.answer.support < 1.0
 
 
 def test_an_approximator_is_named_or_given_with_its_settings() -> None:
@@ -166,9 +167,14 @@ def test_with_css_the_way_is_told_in_the_hands_axes(
     trained = tasks.get("grasp")
     assert trained.frame == "hand"
     assert [each.name for each in tasks.module(trained).declaration.inputs[1:4]] == ["right", "up", "out"]
-    turn, _ = trained.answer("a", OUTLINED, joints(0.5))
-    assert np.isfinite(turn.angles).all()
+    told = trained.answer("a", OUTLINED, joints(0.5))
+    assert np.isfinite(told.turn.angles).all()
+    assert 0.2 < told.support <= told.seen < 1.0
+    beyond = replace(OUTLINED, object=ImagePoint(-4000.0, 9000.0, 1.0))
+    assert trained.answer("a", beyond, joints(0.5)).seen < 0.01  # where CSS was taught nothing
     assert tasks.train("grasp", recorded.trainable("grasp"), TrainRequest(frame="picture")).frame == "picture"
+    with pytest.raises(Conflict, match="other subtasks or axes"):
+        trained.answer("a", OUTLINED, joints(0.5))  # metres would be taken for pixels
     modules.delete("CSS")
     with pytest.raises(NothingTaught, match="collect CSS"):
         tasks.train("grasp", recorded.trainable("grasp"), TrainRequest(frame="hand"))

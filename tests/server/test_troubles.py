@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from handeye.robot_bridge.driver import Joints, Pace, RobotState, Watch, unwatched
 from handeye.rpc.errors import Slipping
+from handeye.server.job import Job
 from handeye.server.results import JobState
 from tests.server.running import FAR, done, miss, run, train
 
@@ -221,3 +223,28 @@ def test_nothing_is_let_go_that_could_not_be_taken_again(lab: Lab, monkeypatch: 
     assert [part.name for part in done(job).subtasks] == ["grasp", "lift"] * 2
     assert asked == [pytest.approx(0.065 - 0.0008), 0.0]
     assert lab.world.gripper == 0.065
+
+
+def test_it_does_not_go_back_before_it_is_written_down_why(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    train(lab)
+    let_slip(lab, monkeypatch, times=1)
+    publish = Job.publish
+
+    def failing(job: Job, kind: str, *more: Any) -> None:
+        if kind == "again":
+            raise OperationalError("INSERT", None, Exception("database or disk is full"))
+        publish(job, kind, *more)
+
+    monkeypatch.setattr(Job, "publish", failing)
+    job = run(lab)
+    assert job.error is not None
+    assert job.error.code == "store_failed"
+    after = lab.robot.commands[lab.robot.commands.index("close_gripper") :]
+    assert [each for each in after if each != "advance"] == ["close_gripper", "adjust_joints", "stop"]
+
+
+def test_a_hand_is_felt_though_a_demonstration_was_deleted_meanwhile(lab: Lab) -> None:
+    train(lab)
+    ids = [each.id for each in lab.coordinator.demonstrations.trainable("grasp")]
+    lab.coordinator.untrain(ids[0])
+    assert [each.id for each in lab.coordinator.demonstrations.known(ids)] == ids[1:]

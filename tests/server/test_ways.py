@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from handeye.robot_bridge.driver import RobotState, Watch, unwatched
 from handeye.server.pairs import NotTeachable, waypoint_codes
 from handeye.server.problem import Conflict, NotFound
 from handeye.server.results import JobState, JobView, RunResult
@@ -132,6 +133,23 @@ def test_a_way_is_slowed_down_to_the_time_that_was_shown(pouring: Lab) -> None:
     turned, _waited, back = pouring.robot.paces[-3:]
     assert turned == pytest.approx(1.875 * 1.5 / 15.0, rel=0.05)
     assert back == pytest.approx(1.875 * 1.5 / 10.0, rel=0.05)
+
+
+def test_a_long_wait_is_waited_in_pieces_that_a_bridge_takes(pouring: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    for jar in ((200.0, 360.0), (240.0, 420.0), (220.0, 390.0)):
+        pouring.coordinator.demonstrations.finish(show(pouring, jar, seconds=(3.0, 150.0, 1.0)))
+    pouring.train("pour")
+    pouring.world.joints = PARK.copy()
+    advance, waited = pouring.robot.advance, []
+
+    def advancing(duration: float, watch: Watch = unwatched) -> RobotState:
+        waited.append(duration)
+        return advance(duration, watch)
+
+    monkeypatch.setattr(pouring.robot, "advance", advancing)
+    assert run(pouring).state is JobState.SUCCEEDED
+    assert max(waited) == 60.0
+    assert sum(waited) > 145.0
 
 
 def test_with_one_look_the_way_follows_from_it(pouring: Lab) -> None:

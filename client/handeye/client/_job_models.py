@@ -54,7 +54,8 @@ class Neighbour(Model):
 class Look(Model):
     """One look: world time in s; answer `delta` and reported `moved` in rad; `picture` is for `Client.picture`.
 
-    `hand_seen` is False when something hid the hand, and it was taken to be where the joints have it.
+    `hand_seen` is False when something hid the hand, and it was taken to be where the joints have it. Confidences are
+    in [0, 1]; None in runs of before they were written down.
     """
 
     number: int
@@ -62,6 +63,8 @@ class Look(Model):
     object: Point
     hand: Point
     hand_seen: bool
+    object_confidence: float | None = None
+    hand_confidence: float | None = None
     delta: tuple[float, ...]
     support: float
     neighbours: tuple[Neighbour, ...]
@@ -100,9 +103,10 @@ class RunResult(Model):
 
 
 class Seen(Model):
-    """Where something was seen, `point` in px; head in rad; world time in s."""
+    """Where something was seen, `point` in px, and how surely, in [0, 1]; head in rad; world time in s."""
 
     point: Point
+    confidence: float
     pan: float
     tilt: float
     world_time: float

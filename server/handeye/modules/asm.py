@@ -32,11 +32,12 @@ def in_picture(found: ImagePair) -> ImageVector:
 @dataclass(frozen=True, slots=True, eq=False)
 class Metric:
     """Object and hand of a look in the camera's frame, in m: the object's point (3,), the marker's middle (3,), and the
-    hand's axes (3, 3) as columns: to the right, up and out of the marker."""
+    hand's axes (3, 3) as columns: to the right, up and out of the marker; and the least support of CSS's answers."""
 
     object: Floats
     hand: Floats
     axes: Floats
+    support: float
 
     @property
     def way(self) -> HandVector:
@@ -45,7 +46,7 @@ class Metric:
 
     def to(self, point: Floats) -> HandVector:
         """The way from the hand to any point (3,)."""
-        return HandVector(self.axes.T @ (point - self.hand))
+        return HandVector(self.axes.T @ (point - self.hand), self.support)
 
     def at_end_of(self, way: HandVector) -> Floats:
         """The point (3,) that is so far from the hand, in its own axes."""
@@ -60,9 +61,9 @@ def metric(css: Module, found: ImagePair) -> Metric:
     """
     if not isinstance(found.hand, HandPoint):
         raise TypeError("the hand was seen as a point only, without its outline")
-    seen = css.answers(np.array([found.object.array(), *found.hand.outline])).outputs
-    centre, axes = _frame(seen[1:])
-    return Metric(seen[0], centre, axes)
+    answers = css.answers(np.array([found.object.array(), *found.hand.outline]))
+    centre, axes = _frame(answers.outputs[1:])
+    return Metric(answers.outputs[0], centre, axes, float(answers.support.min()))
 
 
 def in_hand(css: Module, found: ImagePair) -> HandVector:

@@ -81,9 +81,10 @@ class Recogniser:
 
     def model(self, name: str) -> ObjectModel:
         """What object `name` looks like; `KeyError` for a name that was never registered."""
-        if name not in self._models:
+        model = self._models.get(name)
+        if model is None:
             raise KeyError(f"no object named {name!r} is registered; known are {', '.join(self.objects) or 'none'}")
-        return self._models[name]
+        return model
 
     def _hand_in(self, image: Image, picture: str, window: Window | None) -> MarkerSighting:
         found = self._marker.locate(image, window)

@@ -77,6 +77,8 @@ class HandVector:
     """
 
     vector: Floats
+    support: float = 1.0
+    """The least of the support of CSS's answers that it comes from, in [0, 1]."""
 
     def array(self) -> Floats:
         """(right, up, out), shape (3,)."""

@@ -16,6 +16,7 @@ from handeye.rpc.errors import Busy, OutOfLimits
 from handeye.server.problem import Conflict
 
 _LEAST_PACE = 0.001  # of `Pace`
+_LONGEST_ADVANCE = 60.0  # s that a bridge lets pass by one command
 _TURN_LIMIT = 30.0  # s that the head may take to turn
 _FOLLOW_LIMIT = 2.0  # s that the head may take to answer when it is not waited for
 _REST_STEP = 0.05  # s of world time to wait before asking again whether the arm has come to rest
@@ -67,7 +68,7 @@ class ActingSettings(BaseModel):
     """A gripper that has closed on by so much since it gripped has lost what it held, in m."""
     slip_slack: float = Field(default=0.0008, gt=0.0)
     """By so much it closes on when what it holds begins to slip, in m: then it is let go, before it is pinched away."""
-    pace: float = Field(default=0.5, gt=0.0, le=1.0)
+    pace: float = Field(default=0.5, ge=_LEAST_PACE, le=1.0)
     """Share of the joints' speed and acceleration limits."""
 
 
@@ -191,7 +192,8 @@ class ActingRobot:
 
     def wait(self, duration: float) -> RobotState:
         """Lets `duration` s of world time pass."""
-        return self.__driver.advance(duration, self.__watch)
+        state = self.__driver.advance(min(duration, _LONGEST_ADVANCE), self.__watch)
+        return state if duration <= _LONGEST_ADVANCE else self.wait(duration - _LONGEST_ADVANCE)
 
     def stop(self, reason: str) -> RobotState:
         """Brakes the arm and latches the software stop."""

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from handeye.camera_bridge.driver import StereoPair
 from handeye.modules import css, scs
 from handeye.modules.grid import see_grid
 from handeye.modules.spaces import ImagePoint
@@ -27,7 +26,7 @@ from handeye.server.objects import Objects
 from handeye.server.problem import Invalid
 from handeye.server.pursuit import Pursuit
 from handeye.server.reach import Reach
-from handeye.server.schemas.coordination import PosturesRequest, ReachRequest
+from handeye.server.schemas.coordination import LookInfo, PosturesRequest, ReachRequest
 from handeye.server.settings import ServerSettings
 
 
@@ -45,9 +44,14 @@ class Coordination:
         self._chain = Chain(modules)
 
     def reach(self, request: ReachRequest) -> Job:
-        """Starts a job that brings the hand to a point or an object; raises as `run` does."""
+        """Starts a job that brings the hand to a point or an object; raises as `run` does.
+
+        `NothingTaught` when the head is to turn first and SCS was taught nothing.
+        """
         if request.object is not None:
             self._objects.require(request.object)
+        if request.gaze:
+            self._chain.require("SCS")
         target = request.object if request.point is None else ImagePoint(*request.point)
 
         def work(job: Job, robot: ActingRobot, looker: Looker) -> None:
@@ -62,12 +66,12 @@ class Coordination:
                 self._acting.album(job),
             )
             assert target is not None  # noqa: S101 # for the type checker: the request has one of them
-            reach.execute(target, one_look=request.one_look)
+            reach.execute(target, one_look=request.one_look, gaze=request.gaze)
 
         return self._acting.start("reach", request.object or "point", request.object, work)
 
-    def find(self, object_name: str | None, not_older_than: float) -> tuple[ImagePoint, StereoPair]:
-        """Where an object, or the hand for None, is seen at `not_older_than` (world time in s) or later, and in what.
+    def look(self, object_name: str | None, not_older_than: float) -> LookInfo:
+        """Where an object, or the hand for None, is seen at `not_older_than` (world time in s) or later.
 
         `NotFound` when the object is not learned, `NotSeen` when it is not in both pictures, `DeadlineExceeded` without
         such pictures.
@@ -75,7 +79,14 @@ class Coordination:
         if object_name is not None:
             self._objects.require(object_name)
         pair = self._eyes.grab(not_older_than)
-        return self._eyes.find(pair, object_name), pair
+        point, confidence = self._eyes.see(pair, object_name)
+        return LookInfo(
+            point=(point.row, point.column, point.disparity),
+            confidence=confidence,
+            pan=pair.head.pan,
+            tilt=pair.head.tilt,
+            world_time=pair.left.world_time,
+        )
 
     def gaze(self, object_name: str | None) -> Job:
         """Starts a job that centres an object, or the hand for None; raises as `run` does."""
@@ -124,12 +135,14 @@ class Coordination:
 
         def work(job: Job, robot: ActingRobot, looker: Looker) -> None:
             region = Region(np.array(request.lower), np.array(request.upper))
-            seeds = np.random.SeedSequence(request.seed).spawn(2)
+            # Who goes on where it ended does not visit the same postures once more.
+            visited = min(gathering.origins(module, "posture") for module in request.modules)
+            seeds = np.random.SeedSequence((request.seed, visited)).spawn(2)
             pupils = self._pupils(request, gathering, looker, np.random.default_rng(seeds[0]))
             synergies, random = np.array(request.synergies), np.random.default_rng(seeds[1])
             babbling = Babbling(robot, self._chain, region, synergies, pupils, gathering, job, random)
             with gathering.told_to(job):
-                babbling.execute(request.postures)
+                babbling.execute(visited, request.postures)
 
         return self._acting.start("collect", ", ".join(request.modules), None, work)
 

@@ -37,6 +37,8 @@ from handeye.server.store import Store
 from handeye.server.store.backup import restore
 from handeye.server.training import Tasks, TrainRequest
 
+_ENDING = 2.0  # s that a job which was cancelled may take to end
+
 
 class Coordinator:
     """Modules, objects, demonstrations, tasks and jobs of a store, and the robot and the cameras that they are about.
@@ -226,11 +228,26 @@ class Coordinator:
 
         def work(job: Job, robot: ActingRobot, looker: Looker) -> None:
             album = self.acting.album(job)
-            felt = FeltHand(lambda: [self.demonstrations.get(each) for each in skill.demonstrations])
+            felt = FeltHand(lambda: self.demonstrations.known(skill.demonstrations))
             run = Run(skill, object_name, robot, looker, self.eyes, settings, job, album, felt, one_look=one_look)
             run.execute()
 
         return self.acting.start("run", task, object_name, work)
+
+    def stop(self, reason: str) -> RobotState:
+        """Stops the robot and cancels the job that acts: it must not go on when the stop is cleared."""
+        try:
+            return self.robot.stop(reason)
+        finally:
+            if (acting := self.jobs.acting) is not None:
+                acting.cancel()
+
+    def reset(self) -> RobotState:
+        """Clears the stop; `JobBusy` while a job acts, for it would go on. One that ends is waited for a while."""
+        acting = self.jobs.acting
+        if acting is not None and not (acting.cancelled and acting.wait(_ENDING)):
+            raise self.jobs.busy(acting)
+        return self.robot.reset()
 
     def require_idle(self) -> None:
         """`Busy` while a job is under way or somebody has control of the robot."""

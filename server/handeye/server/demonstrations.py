@@ -6,6 +6,8 @@ not the pictures.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +42,12 @@ class Demonstrations:
         if found is None:
             raise NotFound(f"There is no demonstration '{demonstration_id}'; begin one by POST /v1/demonstrations.")
         return found
+
+    def known(self, ids: Iterable[str]) -> list[Demonstration]:
+        """Those of these ids that there still are."""
+        with self._store.read() as connection:
+            found = [stored.read(connection, each) for each in ids]
+        return [each for each in found if each is not None]
 
     def page(self, after: tuple[float, str] | None, limit: int) -> tuple[Demonstration, ...]:
         """At most `limit` demonstrations begun after (created, id), in the order they were begun."""

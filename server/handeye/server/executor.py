@@ -8,16 +8,12 @@ answered from the last look, all of it at once, and followed in the time that it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
-
 import numpy as np
 import structlog
 
 from handeye.camera_bridge.driver import StereoPair
-from handeye.modules.answers import Answer
 from handeye.modules.recognition import HandNotSeen, NotSeen
-from handeye.modules.spaces import ImagePair, JointDifference
+from handeye.modules.spaces import ImagePair
 from handeye.robot_bridge.driver import Joints, RobotState
 from handeye.rpc.errors import OutOfLimits, RpcError
 from handeye.server.acting import ActingRobot, ActingSettings, OutsideTaughtRegion, too_far
@@ -32,6 +28,7 @@ from handeye.server.looking import Looker
 from handeye.server.pictures import side_by_side
 from handeye.server.problem import Conflict
 from handeye.server.runrecord import RunRecord
+from handeye.server.skill import Skill, SkillAnswer
 
 log = structlog.get_logger(__name__)
 
@@ -43,24 +40,6 @@ class NotAligned(Conflict):
     """The looks have run out and the hand is not where the subtask ends: the gripper must not act there."""
 
     code = "not_aligned"
-
-
-class Skill(Protocol):
-    """A trained task: its subtasks in order, and the answers of module IJS."""
-
-    @property
-    def subtasks(self) -> Sequence[Subtask]:
-        """In the order in which they are done."""
-        ...
-
-    def answer(
-        self, subtask: str, found: ImagePair, joints: Joints, waypoint: int | None = None
-    ) -> tuple[JointDifference, Answer]:
-        """How far each joint is to turn towards the subtask's goal, and the answer that this was taken from.
-
-        With `waypoint`, a number, towards that of the subtask's way-points.
-        """
-        ...
 
 
 class Run:
@@ -89,7 +68,7 @@ class Run:
         self._job = job
         self._album = album
         self._one_look = one_look
-        self._record = RunRecord(job)
+        self._record = RunRecord(job, robot.beat)
         self._felt = felt
         self._last_look: tuple[ImagePair, Joints]
         self._goals = Goals(settings.noise)
@@ -113,7 +92,7 @@ class Run:
                 try:
                     return self._attempt()
                 except (OutsideTaughtRegion, NotSeen, NotAligned, LostGrip) as trouble:
-                    # In the first subtask nothing has changed yet: it would end in the same way.
+                    # In the first subtask it would end in the same way.
                     if not left or self._record.subtasks - begun < 2:
                         raise
                     self._begin_again(start, trouble)
@@ -133,6 +112,7 @@ class Run:
         """Puts back what is held, opens the gripper and goes back to where the arm was at first."""
         self._record.failed()
         self._record.again(trouble)
+        self._record.settle()
         self._grip.go_back()
         self._robot.adjust_joints(start - self._robot.at_rest().joints)
 
@@ -174,9 +154,9 @@ class Run:
         acceptable = self._settings.acceptable if way > _NOWHERE else _STRETCHED * self._settings.acceptable
         if _goes_on(subtask) and not self._one_look and remaining > max(acceptable, tolerance):
             raise NotAligned(
-                f"Subtask '{subtask.name}' is not aligned after {looks} looks: the last answer would turn a joint by "
-                f"{remaining:.4f} rad, {self._settings.acceptable:.4f} rad is acceptable. Show more demonstrations "
-                "near this place, or allow more looks."
+                f"Subtask '{subtask.name}' is not aligned after {looks} looks: by what was seen a joint is still to "
+                f"turn by {remaining:.4f} rad, {max(acceptable, tolerance):.4f} rad is acceptable. Show more "
+                "demonstrations near this place, or allow more looks."
             )
         return False
 
@@ -190,18 +170,18 @@ class Run:
         self._grip.require()
         state, sighting, found, picture = self._look(self._towards(subtask))
         self._last_look = (found, state.joints)
-        turn, answer = self._skill.answer(subtask.name, found, state.joints)
-        if refusal := self._refusal(subtask.name, turn, answer):
-            self._record.look(picture, sighting, found, turn, answer)
+        told = self._skill.answer(subtask.name, found, state.joints)
+        if refusal := self._refusal(subtask.name, found, told):
+            self._record.look(picture, sighting, found, told)
             raise refusal
         if self._robot.lockstep:
             self._robot.wait(self._settings.thinking)
         self._record.settle()
-        way = self._goals.mean(state.joints, turn.angles) - state.joints
+        way = self._goals.mean(state.joints, told.turn.angles) - state.joints
         largest = float(np.max(np.abs(way)))
         after = self._move(state, way) if largest > tolerance else state
         turned = after.joints - state.joints
-        self._record.look(picture, sighting, found, turn, answer, None if after is state else turned)
+        self._record.look(picture, sighting, found, told, None if after is state else turned)
         went = float(np.linalg.norm(after.point - state.point))
         return largest, went if np.max(np.abs(turned)) > largest / 2 else np.inf
 
@@ -209,18 +189,18 @@ class Run:
         """Goes along the subtask's way without looking; where it has been sooner than was shown, it waits."""
         found, joints = self._last_look
         answers = [self._skill.answer(subtask.name, found, joints, number) for number in range(len(subtask.way))]
-        for turn, answer in answers:  # a way that cannot be gone to its end is not begun
-            if refusal := self._refusal(subtask.name, turn, answer):
+        for told in answers:  # a way that cannot be gone to its end is not begun
+            if refusal := self._refusal(subtask.name, found, told):
                 raise refusal
-        for (turn, answer), seconds in zip(answers, subtask.way, strict=True):
+        for told, seconds in zip(answers, subtask.way, strict=True):
             self._job.check()
             self._grip.require()
             before = self._robot.state()
-            after = self._grip.carry(before.joints, joints + turn.angles - before.joints, seconds)
+            after = self._grip.carry(before.joints, joints + told.turn.angles - before.joints, seconds)
             early = seconds - (after.world_time - before.world_time)
             if early > 0.0:
                 self._robot.wait(early)
-            self._record.waypoint(turn, seconds, answer, after.joints - before.joints)
+            self._record.waypoint(told, seconds, after.joints - before.joints)
 
     def _towards(self, subtask: Subtask) -> str:
         """The object that a subtask is towards."""
@@ -243,21 +223,28 @@ class Run:
             self._felt.notice(joints, sighting.found.hand)
         elif isinstance(sighting.found, HandNotSeen) and (hand := self._felt.at(joints)) is not None:
             try:
-                return Sighting(pair, ImagePair(self._eyes.find(pair, towards), hand, hand_confidence=0.0))
+                object_at, confidence = self._eyes.see(pair, towards)
+                return Sighting(pair, ImagePair(object_at, hand, confidence, 0.0))
             except NotSeen as missing:
                 return Sighting(pair, missing)
         return sighting
 
-    def _refusal(self, subtask: str, turn: JointDifference, answer: Answer) -> Exception | None:
+    def _refusal(self, subtask: str, found: ImagePair, told: SkillAnswer) -> Exception | None:
         """Why the robot must not be moved by this answer; None when it may be."""
-        if answer.support < self._settings.least_support:
-            nearest = answer.neighbours[0]
+        if told.support >= self._settings.least_support:
+            return too_far(f"subtask '{subtask}'", told.turn, self._settings.largest_move)
+        low = f"(support {told.support:.2f}, at least {self._settings.least_support:.2f} is asked for)"
+        if told.seen < self._settings.least_support:
             return OutsideTaughtRegion(
-                f"Subtask '{subtask}' is outside the taught region (support {answer.support:.2f}, at least "
-                f"{self._settings.least_support:.2f} is asked for). The nearest demonstration is "
-                f"'{nearest.demonstration}'; show one there."
+                f"Module 'CSS' was not taught where object and hand are seen {low}: show it grids there by "
+                "`handeye collect CSS`, or train the task in the picture's axes."
             )
-        return too_far(f"subtask '{subtask}'", turn, self._settings.largest_move)
+        at = found.object
+        return OutsideTaughtRegion(
+            f"Subtask '{subtask}' is outside the taught region {low}. The nearest demonstration is "
+            f"'{told.answer.neighbours[0].demonstration}'; show one with the object where it is seen now, at row "
+            f"{at.row:.0f}, column {at.column:.0f}, disparity {at.disparity:.0f}."
+        )
 
     def _move(self, before: RobotState, way: Joints) -> RobotState:
         """Goes, and returns where it came; half of the way when the robot refuses the whole: an answer is least sure of

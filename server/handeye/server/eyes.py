@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,7 +14,7 @@ from handeye.modules.object_model import ObjectModel
 from handeye.modules.pipeline import Sees, recognise
 from handeye.modules.recognition import NotSeen, Recogniser
 from handeye.modules.spaces import ImagePair, ImagePoint
-from handeye.server.problem import Invalid
+from handeye.server.problem import Invalid, NotFound
 
 
 class Sight(Sees, Protocol):
@@ -59,14 +61,19 @@ class Vision:
         self._recogniser.forget(name)
 
     def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
-        """Object and hand in the two pictures; `NotSeen` says what is missing in which picture."""
-        found = self._recogniser.see(left, right, name)
+        """Object and hand in the two pictures; `NotSeen` says what is missing in which picture.
+
+        `NotFound` when the object has been deleted.
+        """
+        with _known(name):
+            found = self._recogniser.see(left, right, name)
         self._keep_guides()
         return found
 
     def see_object(self, left: Image, right: Image, name: str, /) -> tuple[ImagePoint, float]:
         """The object and the confidence in [0, 1]; raises as `see` does."""
-        found = self._recogniser.see_object(left, right, name)
+        with _known(name):
+            found = self._recogniser.see_object(left, right, name)
         self._keep_guides()
         return found
 
@@ -103,6 +110,15 @@ class Vision:
     def _rebuild(self) -> None:
         while self._recogniser.due and not self._closed.is_set():
             self._recogniser.rebuild()
+
+
+@contextmanager
+def _known(name: str) -> Iterator[None]:
+    """`NotFound` for `KeyError`: somebody may delete an object while it is looked for."""
+    try:
+        yield
+    except KeyError as error:
+        raise NotFound(f"Object '{name}' is not known any more; show it again by POST /v1/objects/{name}.") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +168,11 @@ class Eyes:
 
     def find(self, pair: StereoPair, object_name: str | None) -> ImagePoint:
         """The object in a pair, or the hand for None; raises `NotSeen`."""
+        return self.see(pair, object_name)[0]
+
+    def see(self, pair: StereoPair, object_name: str | None) -> tuple[ImagePoint, float]:
+        """The object in a pair, or the hand for None, and the confidence in [0, 1]; raises `NotSeen`."""
         left, right = pair.left.image, pair.right.image
         if object_name is None:
-            return self._sight.see_hand(left, right)[0]
-        return self._sight.see_object(left, right, object_name)[0]
+            return self._sight.see_hand(left, right)
+        return self._sight.see_object(left, right, object_name)

@@ -81,16 +81,22 @@ class Job:
             )
 
     def publish(
-        self, kind: str, data: dict[str, Any], result: BaseModel, also: Callable[[Connection], object] | None = None
+        self,
+        kind: str,
+        data: dict[str, Any],
+        result: BaseModel | None,
+        also: Callable[[Connection], object] | None = None,
     ) -> None:
         """Adds an event and replaces the result by the newer one; both are durable before anybody hears of them.
 
-        `also` writes down what belongs to them, in the same transaction.
+        Without a result it stays as it was. `also` writes down what belongs to them, in the same transaction.
         """
-        content, number = result.model_dump(mode="json"), self._newest + 1
+        content = self._result if result is None else result.model_dump(mode="json")
+        number = self._newest + 1
         # Not under the lock: who holds the store asks jobs whether they have ended.
         with self._store.write() as connection:
-            stored.update(connection, self.id, result=dumps(content))
+            if result is not None:
+                stored.update(connection, self.id, result=dumps(content))
             stored.add_event(connection, self.id, number, kind, data)
             if also is not None:
                 also(connection)

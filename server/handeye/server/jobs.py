@@ -71,8 +71,13 @@ class Jobs:
                 with self._lock:
                     if not self._closed:
                         self._live[name] = (job, thread, acts)
-                        thread.start()
-                        return
+                        try:
+                            thread.start()
+                        except RuntimeError:  # there are too many threads
+                            del self._live[name]
+                            log.exception("a job's thread could not be started", job=name)
+                        else:
+                            return
                 job.cancel()
                 job.run(work)  # which ends it at once
 
@@ -94,10 +99,11 @@ class Jobs:
     def require_none(self) -> None:
         """`JobBusy` while any job is under way."""
         with self._lock:
-            for job_id in self._live:
-                raise JobBusy(
-                    f"Job {job_id} is under way; wait for its end, or cancel it by POST /v1/jobs/{job_id}/cancel."
-                )
+            for job, _thread, _acts in self._live.values():
+                if not job.ended:
+                    raise JobBusy(
+                        f"Job {job.id} is under way; wait for its end, or cancel it by POST /v1/jobs/{job.id}/cancel."
+                    )
 
     def under_way(self, job_id: str) -> Job | None:
         """The job of that id if it is under way, without asking the store."""

@@ -79,6 +79,8 @@ class Pursuit:
         self._missing: float | None = None
         """World time of the first picture since it was seen last, in s; None while it is seen."""
         self._looks: list[PursuitLook] = []
+        self._middle: tuple[float, ...] = ()
+        """(row, column) of the middle of the left picture, in px; empty before the first look."""
 
     def execute(self) -> None:
         """Follows the object until the time is over; then the head stands still, on any error too.
@@ -99,6 +101,8 @@ class Pursuit:
         finally:
             with suppress(RpcError):  # the head stops by itself, a little later
                 self._looker.halt()
+            looks = tuple(self._looks)
+            self._job.finish(PursuitResult(duration=self._duration, looks=looks, middle=self._middle))
 
     def _step(self, pair: StereoPair) -> None:
         try:
@@ -118,7 +122,7 @@ class Pursuit:
         try:
             require_support(said, point, pair.head.tilt, self._settings.least_support)
         except OutsideTaughtRegion:
-            self._record(pair, look)
+            self._record(look)
             raise
         self._seen, self._missing = True, None
         direction = HeadAngles(pair.head.pan + turn.pan, pair.head.tilt + turn.tilt)
@@ -134,7 +138,7 @@ class Pursuit:
         if self._seen and gone <= self._settings.lost_after:
             self._follow(pair, look)
             return
-        self._record(pair, look)
+        self._record(look)
         if not self._seen:
             raise missing
         raise ObjectLost(
@@ -146,10 +150,11 @@ class Pursuit:
         course = self._tracker.course
         told = self._looker.follow(course, self._settings.coast)
         late = told.world_time - pair.left.world_time
-        self._record(pair, look.model_copy(update={"rate": (course.pan_rate, course.tilt_rate), "late": late}))
+        self._record(look.model_copy(update={"rate": (course.pan_rate, course.tilt_rate), "late": late}))
 
     def _look(self, pair: StereoPair) -> PursuitLook:
         """A look in which nothing is seen yet."""
+        self._middle = middle(pair)
         return PursuitLook(
             number=len(self._looks),
             world_time=pair.left.world_time,
@@ -157,7 +162,7 @@ class Pursuit:
             tilt=pair.head.tilt,
         )
 
-    def _record(self, pair: StereoPair, look: PursuitLook) -> None:
+    def _record(self, look: PursuitLook) -> None:
         self._looks.append(look)
-        result = PursuitResult(duration=self._duration, looks=tuple(self._looks), middle=middle(pair))
-        self._job.publish("look", look.model_dump(mode="json"), result)
+        # Not with the result: to write down all looks with each of them takes ever longer.
+        self._job.publish("look", look.model_dump(mode="json"), None)

@@ -6,6 +6,9 @@ way, from the pictures into the arm's frame: what that way gets wrong there is w
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,6 +20,7 @@ from handeye.server.acting import ActingRobot, OutsideTaughtRegion, too_far
 from handeye.server.album import Album
 from handeye.server.chain import Chain, Said
 from handeye.server.eyes import Eyes
+from handeye.server.gaze import require_support
 from handeye.server.job import Job
 from handeye.server.looking import Looker
 from handeye.server.pictures import side_by_side
@@ -47,6 +51,8 @@ class ReachSettings(BaseModel):
     """From further away, in m, it goes only a part of the way before it looks again: errors grow with the way."""
     part: float = Field(default=0.8, gt=0.0, le=1.0)
     """Which part."""
+    moved: float = Field(default=0.01, gt=0.0)
+    """An object that is seen further than that from where it was, in m, has been moved: the hand goes there now."""
     largest_correction: float = Field(default=0.06, ge=0.0)
     """An arm that does not come where it was sent is sent so far beyond at most, in m."""
     least_support: float = Field(default=0.2, ge=0.0, le=1.0)
@@ -55,10 +61,19 @@ class ReachSettings(BaseModel):
     """No joint is turned further by one answer, in rad; an answer that asks for more is wrong."""
 
 
-class Reach:
-    """One reach of the hand to a point of the stereo image. `execute` may be called once.
+@dataclass(frozen=True, slots=True)
+class _Goal:
+    """Where the hand is to be: as it was seen, in the arm's frame, and who says so."""
 
-    The point is meant for the head as it stands at the first look; the head must not turn meanwhile.
+    seen: ImagePoint
+    place: ArmPoint
+    answers: tuple[Said, ...]
+
+
+class Reach:
+    """One reach of the hand to a point of the stereo image, or to an object. `execute` may be called once.
+
+    A point is meant for the head as it stands at the first look. An object is looked for again at each look.
     """
 
     def __init__(
@@ -83,30 +98,34 @@ class Reach:
         self._album = album
         self._looks: list[ReachLook] = []
 
-    def execute(self, target: ImagePoint | str, *, one_look: bool) -> None:
-        """Brings the hand to `target`, a point or an object's name.
+    def execute(self, target: ImagePoint | str, *, one_look: bool, gaze: bool = False) -> None:
+        """Brings the hand to `target`, a point or an object's name; with `gaze` the head turns to the object before.
 
         `NotSeen` when object or hand is not found, `OutsideTaughtRegion` when support is low, `NotReached` when it does
         not converge. With one look only it goes the whole way at once and does not check.
         """
         state, pair = self._looker.look()
-        point = self._eyes.find(pair, target) if isinstance(target, str) else target
-        head = HeadAngles(pair.head.pan, pair.head.tilt)
-        goal, towards = self._chain.to_arm(point, head)
+        goal = self._goal(pair, self._eyes.find(pair, target) if isinstance(target, str) else target)
+        if gaze:
+            self._turn_to(goal.seen, pair.head.pan, pair.head.tilt)
+            state, pair = self._looker.look()
+            goal = self._found_again(pair, goal, target)
         aim: ArmPoint | None = None
         looks = 1 if one_look else self._settings.max_looks
         for number in range(looks):
             self._job.check()
             if number:
                 state, pair = self._looker.look()
-            hand = self._hand(pair, point)
-            here, seen = self._chain.to_arm(hand, head)
-            away = goal.array() - here.array()
+                with suppress(NotSeen):  # the hand is before it: then it is where it was
+                    goal = self._found_again(pair, goal, target)
+            hand = self._hand(pair)
+            here, seen = self._chain.to_arm(hand, _head(pair))
+            away = goal.place.array() - here.array()
             distance = float(np.linalg.norm(away))
             last = number == looks - 1 and not one_look
             enough = self._settings.acceptable if last else self._settings.tolerance
             if last or (distance <= enough and not one_look):
-                self._record(pair, point, hand, distance, None, (*towards, *seen), ())
+                self._record(pair, goal.seen, hand, distance, None, (*goal.answers, *seen), ())
                 if distance <= enough:
                     return
                 break
@@ -114,24 +133,41 @@ class Reach:
             missed = np.zeros(3) if aim is None else self._bounded(aim.array() - here.array())
             aim = ArmPoint(here.array() + missed + share * away)
             turn, said = self._chain.to_joints(aim, JointAngles(state.joints))
-            answers = (*towards, *seen, said)
+            answers = (*goal.answers, *seen, said)
             if refusal := self._refusal(turn, answers):
-                self._record(pair, point, hand, distance, turn, answers, ())
+                self._record(pair, goal.seen, hand, distance, turn, answers, ())
                 raise refusal
             moved = self._move(state, turn)
-            self._record(pair, point, hand, distance, turn, answers, moved)
+            self._record(pair, goal.seen, hand, distance, turn, answers, moved)
         if not one_look:
             raise NotReached(
                 f"The hand is seen {1e3 * self._looks[-1].away:.1f} mm from where it should be after {looks} looks; "
                 f"{1e3 * self._settings.acceptable:.1f} mm are acceptable. Collect more samples near this place."
             )
 
+    def _goal(self, pair: StereoPair, point: ImagePoint) -> _Goal:
+        return _Goal(point, *self._chain.to_arm(point, _head(pair)))
+
+    def _found_again(self, pair: StereoPair, known: _Goal, target: ImagePoint | str) -> _Goal:
+        """Where the goal is now, if it is an object; raises `NotSeen`."""
+        if not isinstance(target, str):
+            return known
+        now = self._goal(pair, self._eyes.find(pair, target))
+        moved = float(np.linalg.norm(now.place.array() - known.place.array()))
+        return now if moved > self._settings.moved else replace(known, seen=now.seen)
+
+    def _turn_to(self, point: ImagePoint, pan: float, tilt: float) -> None:
+        """Active vision: one saccade, by SCS, from (pan, tilt) in rad to what is seen at `point`."""
+        turn, said = self._chain.to_head(point, tilt)
+        require_support(said, point, tilt, self._settings.least_support)
+        self._looker.turn(HeadAngles(pan + turn.pan, tilt + turn.tilt))
+
     def _bounded(self, missed: Floats) -> Floats:
         """What the arm did not do of what it was sent to do, (3,) in m, to be made up for; not without end."""
         length = float(np.linalg.norm(missed))
         return missed * min(1.0, self._settings.largest_correction / length) if length else missed
 
-    def _hand(self, pair: StereoPair, target: ImagePoint) -> ImagePoint:
+    def _hand(self, pair: StereoPair) -> ImagePoint:
         try:
             return self._eyes.find(pair, None)
         except NotSeen as missing:
@@ -183,6 +219,10 @@ class Reach:
 
     def _result(self) -> ReachResult:
         return ReachResult(looks=tuple(self._looks))
+
+
+def _head(pair: StereoPair) -> HeadAngles:
+    return HeadAngles(pair.head.pan, pair.head.tilt)
 
 
 def _answer_record(said: Said) -> AnswerRecord:

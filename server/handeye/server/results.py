@@ -55,6 +55,10 @@ class LookRecord(_Record):
     """(row, column, disparity) of the hand, in pixels."""
     hand_seen: bool = True
     """False: something hid the hand, and it was taken to be where the joints have it."""
+    object_confidence: float | None = None
+    """How surely this is the object, in [0, 1]; null in runs of before it was written down."""
+    hand_confidence: float | None = None
+    """The same of the hand."""
     delta: tuple[float, ...]
     """The answer: joint differences in rad, base to wrist."""
     support: float

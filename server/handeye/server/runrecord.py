@@ -8,29 +8,32 @@ from __future__ import annotations
 
 import contextvars
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from types import TracebackType
 from typing import Any, Self
 
 from sqlalchemy import Connection
 
-from handeye.modules.answers import Answer
 from handeye.modules.recognition import NotSeen
-from handeye.modules.spaces import ImagePair, JointDifference
+from handeye.modules.spaces import ImagePair
 from handeye.robot_bridge.driver import Joints
 from handeye.server.album import Picture
 from handeye.server.eyes import Sighting
 from handeye.server.job import Job
 from handeye.server.results import LookRecord, NeighbourRecord, RunResult, SubtaskRecord, WaypointRecord
+from handeye.server.skill import SkillAnswer
 
+_POLL = 0.02  # s
 _NEIGHBOURS_RECORDED = 12  # the nearest ones: an answer may come from every sample of the subtask
 
 
 class RunRecord:
     """The subtasks that were begun, and all looks and way-points in them. For one thread, while its context is open."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job, keep_alive: Callable[[], None]) -> None:
+        """`keep_alive` is called about every 20 ms while it waits for the store."""
         self._job = job
+        self._keep_alive = keep_alive
         self._subtasks: list[SubtaskRecord] = []
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="record")
         self._pending: list[Future[None]] = []
@@ -42,13 +45,20 @@ class RunRecord:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._writer.shutdown()
-        self.settle()
+        for each in self._pending:
+            each.result()
 
     def settle(self) -> None:
-        """Waits until all that was told is durable, within the store's deadlines; raises what kept it from being so."""
-        pending, self._pending = self._pending, []
-        for each in pending:
-            each.result()
+        """Waits until all that was told is durable; raises what kept it from being so, and when the job is cancelled.
+
+        The control lease is kept meanwhile: who trains a task holds the store for as long as that takes.
+        """
+        while self._pending:
+            if wait(self._pending[:1], _POLL).done:
+                self._pending.pop(0).result()
+            else:
+                self._keep_alive()
+                self._job.check()
 
     @property
     def subtasks(self) -> int:
@@ -87,8 +97,7 @@ class RunRecord:
         picture: Picture,
         sighting: Sighting,
         found: ImagePair,
-        turn: JointDifference,
-        answer: Answer,
+        told: SkillAnswer,
         moved: Joints | None = None,
     ) -> None:
         """What was seen and answered, and by how much the joints were `moved` then, (joints,) rad; None: not at all."""
@@ -98,9 +107,11 @@ class RunRecord:
             object=(found.object.row, found.object.column, found.object.disparity),
             hand=(found.hand.row, found.hand.column, found.hand.disparity),
             hand_seen=found.hand_confidence > 0.0,
-            delta=tuple(float(value) for value in turn.angles),
-            support=answer.support,
-            neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
+            object_confidence=found.object_confidence,
+            hand_confidence=found.hand_confidence,
+            delta=tuple(float(value) for value in told.turn.angles),
+            support=told.support,
+            neighbours=NeighbourRecord.nearest_of(told.answer, _NEIGHBOURS_RECORDED),
             moved=() if moved is None else tuple(float(value) for value in moved),
             picture=picture.path,
         )
@@ -108,13 +119,13 @@ class RunRecord:
         data = {"subtask": self._subtasks[-1].name, **look.model_dump(mode="json")}
         self._tell("look", data, picture.keep)
 
-    def waypoint(self, turn: JointDifference, seconds: float, answer: Answer, moved: Joints) -> None:
+    def waypoint(self, told: SkillAnswer, seconds: float, moved: Joints) -> None:
         """A way-point was passed that was to take `seconds` of world time; `moved` (joints,) rad from there before."""
         passed = WaypointRecord(
-            delta=tuple(float(value) for value in turn.angles),
+            delta=tuple(float(value) for value in told.turn.angles),
             seconds=seconds,
-            support=answer.support,
-            neighbours=NeighbourRecord.nearest_of(answer, _NEIGHBOURS_RECORDED),
+            support=told.support,
+            neighbours=NeighbourRecord.nearest_of(told.answer, _NEIGHBOURS_RECORDED),
             moved=tuple(float(value) for value in moved),
         )
         self._update("waypoint", way=(*self._subtasks[-1].way, passed))

@@ -11,12 +11,12 @@ from pydantic import BaseModel, ConfigDict
 from sqlalchemy import Connection
 
 from handeye.modules import ijs, pipeline
-from handeye.modules.answers import Answer, CategoryStatistics
+from handeye.modules.answers import CategoryStatistics
 from handeye.modules.asm import Frame
 from handeye.modules.css import DECLARATION as CSS
 from handeye.modules.declaration import ApproximatorSettings, ModuleDeclaration
 from handeye.modules.module import Module
-from handeye.modules.spaces import HandPoint, ImagePair, JointAngles, JointDifference
+from handeye.modules.spaces import HandPoint, HandVector, ImagePair, JointAngles
 from handeye.robot_bridge.driver import Joints
 from handeye.rpt import NotTaught
 from handeye.server.answering import NothingTaught
@@ -25,6 +25,7 @@ from handeye.server.livemodules import LiveModules
 from handeye.server.pairs import NotTeachable, pairs, waypoint_codes
 from handeye.server.problem import Conflict, NotFound, sentence
 from handeye.server.results import SubtaskStatistics, TrainStatistics
+from handeye.server.skill import SkillAnswer
 from handeye.server.store import Store
 from handeye.server.store import modules as stored_modules
 from handeye.server.store import tasks as stored_tasks
@@ -75,27 +76,29 @@ class TrainedTask:
     frame: Frame
     tasks: Tasks = field(repr=False, compare=False)
 
-    def answer(
-        self, subtask: str, found: ImagePair, joints: Joints, waypoint: int | None = None
-    ) -> tuple[JointDifference, Answer]:
+    def answer(self, subtask: str, found: ImagePair, joints: Joints, waypoint: int | None = None) -> SkillAnswer:
         """ASM and IJS: how far each joint is to turn towards the goal of `subtask`, and where that comes from.
 
         With `waypoint`, a number, towards that of the subtask's way-points.
 
         The module answers as it is now. `NotFound` when the task was deleted meanwhile, `Conflict` when it was trained
-        anew with other subtasks, `NothingTaught` when what it was taught in this subtask was taken out.
+        anew with other subtasks or axes, `NothingTaught` when what it was taught in this subtask was taken out.
         """
-        if _untimed(self.tasks.get(self.name).subtasks) != _untimed(self.subtasks):
-            raise Conflict(f"Task '{self.name}' was trained anew with other subtasks while it ran; run it again.")
-        module = self.tasks.module(self)
+        module = self.tasks.module(self)  # before it is compared: what is trained anew is in the store first
+        now = self.tasks.get(self.name)
+        if (now.frame, _untimed(now.subtasks)) != (self.frame, _untimed(self.subtasks)):
+            raise Conflict(
+                f"Task '{self.name}' was trained anew with other subtasks or axes while it ran; run it again."
+            )
         number = [each.name for each in self.subtasks].index(subtask)
         if waypoint is not None:
             number = waypoint_codes(self.subtasks)[subtask][waypoint]
         try:
             action = pipeline.specify_action(found, self.tasks.css() if self.frame == "hand" else None)
-            return pipeline.image_to_joints(module, number, action, JointAngles(joints))
+            turn, answer = pipeline.image_to_joints(module, number, action, JointAngles(joints))
         except NotTaught as error:
             raise NothingTaught(sentence(error)) from error
+        return SkillAnswer(turn, answer, action.support if isinstance(action, HandVector) else 1.0)
 
 
 class Tasks:

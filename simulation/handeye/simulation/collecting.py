@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -11,7 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from handeye.cli.progress import counted
-from handeye.client import Client
+from handeye.client import ApiError, Client
 from handeye.simulation.experimenter import Experimenter, volume_views
 from handeye.simulation.lab import LabClient
 from handeye.simulation.teaching import joined
@@ -35,26 +36,62 @@ def collect_in(state_dir: Path | None, modules: Sequence[Module], seed: int) -> 
     console = Console(stderr=True)
     with joined(state_dir) as (_robot, lab, client):
         for module in modules:
-            collect(module, lab, client, seed, lambda title, total: counted(console, title, total))
+            before = _taught(client, module).samples
+            rejected = collect(module, lab, client, seed, lambda title, total: counted(console, title, total))
+            samples = _taught(client, module).samples
+            told = ", ".join(f"{count} {reason}" for reason, count in rejected.items()) or "none"
+            console.print(f"{module}: {samples - before} samples more, {samples} in all. Rejected: {told}.")
 
 
-def collect(module: Module, lab: LabClient, client: Client, seed: int, progress: Progress) -> None:
-    """Collects for one module; `JobFailed` says why it could not. The world is made anew before."""
+def collect(module: Module, lab: LabClient, client: Client, seed: int, progress: Progress) -> Mapping[str, int]:
+    """Collects for one module what it has not yet; `JobFailed` says why it could not. The world is made anew before.
+
+    Returns how much was rejected, by reason.
+    """
     experimenter = Experimenter(lab, client, seed)
+    done = _taught(client, module).demonstrations
     if module == "CSS":
         views = volume_views(np.random.default_rng(seed))
         with progress("CSS: showing grids", len(views)) as advance:
-            experimenter.show_grid(views, advance)
-    elif module == "SCS":
+            _catch_up(advance, min(done, len(views)))
+            return experimenter.show_grid(views[done:], advance)
+    if module == "SCS":
         experimenter.register_ball()
         with progress("SCS: fixating the ball", FIXATIONS) as advance:
-            experimenter.show_ball(FIXATIONS, NEARLY_CENTRED, advance)
-    else:
-        lab.reset(seed)
-        with progress(f"{module}: babbling", POSTURES[module]) as advance:
-            client.collect_postures(
-                [module],
-                postures=POSTURES[module],
-                seed=seed,
-                on_event=lambda event: advance() if event.kind == "posture" else None,
-            ).raise_for_failure()
+            _catch_up(advance, min(done, FIXATIONS))
+            return experimenter.show_ball(FIXATIONS, NEARLY_CENTRED, advance, done)
+    lab.reset(seed)
+    with progress(f"{module}: babbling", POSTURES[module]) as advance:
+        _catch_up(advance, min(done, POSTURES[module]))
+        job = client.collect_postures(
+            [module],
+            postures=POSTURES[module],
+            seed=seed,
+            on_event=lambda event: advance() if event.kind == "posture" else None,
+        ).raise_for_failure()
+    return {} if job.result is None else job.result.rejected
+
+
+@dataclass(frozen=True, slots=True)
+class _Taught:
+    """How much a module has been taught."""
+
+    samples: int = 0
+    demonstrations: int = 0
+    """Views, fixations or postures that its samples come from."""
+
+
+def _taught(client: Client, module: Module) -> _Taught:
+    try:
+        info = client.module(module)
+    except ApiError as error:
+        if error.code != "not_found":
+            raise
+        return _Taught()
+    return _Taught(info.samples, info.demonstrations)
+
+
+def _catch_up(advance: Callable[[], None], done: int) -> None:
+    """A bar goes on where it ended."""
+    for _ in range(done):
+        advance()

@@ -7,6 +7,7 @@ intersections are (4.2.3); the ball it has to find by itself.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -33,6 +34,8 @@ ASIDE = (math.pi / 2, 0.0)
 _HEAD_PAN, _HEAD_TILT = (-1.0, 1.0), (-0.9, 0.25)  # rad: from where the ball is fixated
 _LEAST_HEIGHT = 0.06  # m above the table
 _TURNED = np.array([0.15, 0.35, 0.35])  # rad: how far a grid is rolled, pitched and yawed at most
+_UNSEEN = 0.25  # of the views of a grid may not be seen
+_PATIENCE = 20  # balls in a row that were not seen or not fixated
 _EXAMPLES = 8  # a ball is lit otherwise from each side
 _WHOLE = 60.0  # px from the border in which an example lies at least
 _CUP_EXAMPLES = ((0.55, -0.10), (0.75, 0.10), (0.82, -0.02), (0.62, 0.05))  # m, on the table, near and far
@@ -98,8 +101,12 @@ class Experimenter:
         self._client = client
         self._seed = seed
 
-    def show_grid(self, views: Sequence[GridView], on_view: Callable[[], None]) -> None:
-        """Has CSS learn from each of the views."""
+    def show_grid(self, views: Sequence[GridView], on_view: Callable[[], None]) -> Counter[str]:
+        """Has CSS learn from each of the views; returns how many were rejected, by reason.
+
+        `ApiError` "not_seen" when too many of them were not seen.
+        """
+        rejected: Counter[str] = Counter()
         self._lab.reset(self._seed)
         with self._client.control("experimenter") as control:
             head = control.turn_head(*ASIDE)
@@ -108,14 +115,20 @@ class Experimenter:
                 self._lab.hold(view.spec, Pose.from_matrix(world_from_camera @ view.camera_from_grid()))
                 held = control.state().world_time
                 control.advance(FRESH)
-                self._client.collect_grid_view(view.points(), every=view.every, not_older_than=held)
+                try:
+                    self._client.collect_grid_view(view.points(), every=view.every, not_older_than=held)
+                except ApiError as error:
+                    rejected["not seen"] += 1
+                    if error.code != "not_seen" or rejected.total() > _UNSEEN * len(views):
+                        raise
                 on_view()
         self._lab.remove(GRID.name)
+        return rejected
 
     def register_ball(self) -> None:
         """Shows the coordinator what the ball looks like, from poses of the head all over its range."""
         self._lab.reset(self._seed)
-        shown = 0
+        shown = in_vain = 0
         for pan, tilt, place in self.balls(self._seed, _WHOLE):
             with self._client.control("experimenter") as control:
                 empty = control.turn_head(pan, tilt).world_time
@@ -130,6 +143,9 @@ class Experimenter:
                 try:
                     self._client.add_example(BALL.name, held)
                 except ApiError:  # the arm is before it
+                    in_vain += 1
+                    if in_vain == _PATIENCE:
+                        raise
                     continue
                 finally:
                     self.take_ball()
@@ -152,21 +168,35 @@ class Experimenter:
                 self._client.add_example(spec.name, shown)
         self._lab.remove(spec.name)
 
-    def show_ball(self, count: int, nearly_centred: int, on_fixation: Callable[[], None]) -> None:
-        """Has SCS learn from `count` fixations of the ball, the last `nearly_centred` of them from their ends only."""
+    def show_ball(
+        self, count: int, nearly_centred: int, on_fixation: Callable[[], None], done: int = 0
+    ) -> Counter[str]:
+        """Has SCS learn from `count` fixations of the ball, the last `nearly_centred` of them from their ends only.
+
+        `done` of them it has learned from before. Returns how many were rejected, by reason; `JobFailed` when the ball
+        is not fixated time and again.
+        """
+        rejected: Counter[str] = Counter()
+        in_vain = 0
         self._lab.reset(self._seed)
-        done = 0
-        for pan, tilt, place in self.balls(self._seed):
+        for pan, tilt, place in self.balls(self._seed + done):  # otherwise it would be shown where it was
+            if done >= count:
+                break
             if not self.present(pan, tilt, place):
                 continue
             keep: Literal["first", "last"] = "first" if done < count - nearly_centred else "last"
-            if not self._client.collect_fixation(BALL.name, keep=keep).succeeded:  # the arm is before it
+            job = self._client.collect_fixation(BALL.name, keep=keep)
+            if job.succeeded:
+                done, in_vain = done + 1, 0
+                on_fixation()
                 continue
-            done += 1
-            on_fixation()
-            if done == count:
-                break
+            code = "" if job.error is None else job.error.code
+            rejected[code.replace("_", " ")] += 1
+            in_vain += 1
+            if code not in ("not_seen", "not_fixated") or in_vain == _PATIENCE:  # else: the arm is before it
+                job.raise_for_failure()
         self.take_ball()
+        return rejected
 
     def present(self, pan: float, tilt: float, place: Array) -> bool:
         """Hangs the ball at a place, and turns the head to (pan, tilt) in rad; False when the arm is there."""

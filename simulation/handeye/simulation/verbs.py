@@ -105,7 +105,10 @@ def register(app: typer.Typer) -> None:
         seed: Annotated[int, typer.Option(min=0, help="Seed of places and motions.")] = 1,
         state_dir: Annotated[Path | None, typer.Option(help="State directory of the `handeye up`.")] = None,
     ) -> None:
-        """Have a running `handeye up` collect samples by itself; what takes a person is done by the simulated one."""
+        """Have a running `handeye up` collect samples by itself; what takes a person is done by the simulated one.
+
+        Called again it goes on where it ended. To begin anew, delete the module before.
+        """
         from handeye.cli.supervisor import signals_unwind
 
         with silence():
@@ -132,12 +135,14 @@ def register(app: typer.Typer) -> None:
 
         console = Console(stderr=True)
         seeds = seed or [1]
-        earlier = Earlier.read(report, what.value, seeds) if add else Earlier()
+        evaluation = EVALUATIONS[what.value]
+        name = evaluation.report(clock)
+        earlier = Earlier.read(report, name, seeds) if add else Earlier()
         with signals_unwind():
-            for outcome in site.run(EVALUATIONS[what.value], seeds, trials, clock, console, earlier):
+            for outcome in site.run(evaluation, seeds, trials, clock, console, earlier):
                 outcome.write(report)  # after each seed: one that fails takes nothing with it
         Console().print(outcome.table())
-        console.print(f"report: {report / f'{what.value}.html'}, {what.value}.json  ({outcome.seconds:.0f} s)")
+        console.print(f"report: {report / f'{name}.html'}, {name}.json  ({outcome.seconds:.0f} s)")
 
     @app.command("demo")
     def demo(

@@ -34,12 +34,16 @@ class AsyncCoordinationCalls(AsyncJobCalls):
         target: str | Point,
         *,
         one_look: bool = False,
+        gaze: bool = False,
         timeout: float = 120.0,
         on_event: OnEvent = ignore,
     ) -> ReachJob:
-        """Brings the hand to an object, or to a point (row, column, disparity) in px of the picture as it is now."""
+        """Brings the hand to an object, or to a point (row, column, disparity) in px of the picture as it is now.
+
+        With `gaze` the head turns to the object before.
+        """
         wanted = {"object": target} if isinstance(target, str) else {"point": list(target)}
-        job = await self._post_once(ReachJob, "/v1/reaches", {**wanted, "one_look": one_look})
+        job = await self._post_once(ReachJob, "/v1/reaches", {**wanted, "one_look": one_look, "gaze": gaze})
         return await self._see_through(job, timeout, on_event)
 
     async def gaze(

@@ -35,12 +35,16 @@ class SyncCoordinationCalls(SyncJobCalls):
         target: str | Point,
         *,
         one_look: bool = False,
+        gaze: bool = False,
         timeout: float = 120.0,
         on_event: OnEvent = ignore,
     ) -> ReachJob:
-        """Brings the hand to an object, or to a point (row, column, disparity) in px of the picture as it is now."""
+        """Brings the hand to an object, or to a point (row, column, disparity) in px of the picture as it is now.
+
+        With `gaze` the head turns to the object before.
+        """
         wanted = {"object": target} if isinstance(target, str) else {"point": list(target)}
-        job = self._post_once(ReachJob, "/v1/reaches", {**wanted, "one_look": one_look})
+        job = self._post_once(ReachJob, "/v1/reaches", {**wanted, "one_look": one_look, "gaze": gaze})
         return self._see_through(job, timeout, on_event)
 
     def gaze(self, object_name: str | None = None, *, timeout: float = 120.0, on_event: OnEvent = ignore) -> GazeJob:

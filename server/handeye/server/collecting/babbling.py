@@ -74,11 +74,10 @@ class Babbling:
         self._random = random
         self._in_vain = 0
 
-    def execute(self, postures: int) -> None:
-        """Goes on until so many postures were visited, counting those of earlier times for the same modules."""
-        visited = first = min(self._gathering.origins(pupil.module, "posture") for pupil in self._pupils)
+    def execute(self, visited: int, postures: int) -> None:
+        """Goes on until so many `postures` were visited, of which some were `visited` at earlier times."""
         while visited < postures:
-            state = self._next(visited - first)
+            state = self._next(visited)
             name = f"posture-{visited + 1}"
             # Every pupil has a look at it, even when one has nothing to learn from it.
             if sum([pupil.learn(state, name) for pupil in self._pupils]):

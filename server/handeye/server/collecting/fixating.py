@@ -15,6 +15,7 @@ import numpy as np
 from handeye.modules import scs
 from handeye.modules.recognition import NotSeen
 from handeye.modules.spaces import Floats, HeadAngles, ImagePoint
+from handeye.rpc.errors import OutOfLimits
 from handeye.server.collecting.gathering import Gathering
 from handeye.server.eyes import Eyes
 from handeye.server.gaze import middle
@@ -76,7 +77,21 @@ class Fixation:
                 f"Object '{object_name}' is still {left:.1f} px from the middle after {len(self._looks)} looks: see "
                 "that it rests, and that it is well in view."
             )
+        self._require_rest(object_name)
         self._teach(last.head - _solved(change, last.offset), keep)
+
+    def _require_rest(self, object_name: str) -> None:
+        """From where the head looked first the object must still be seen where it was: else the looks do not agree.
+
+        In the end the head points at it once more.
+        """
+        first, last = self._looks[0], self._looks[-1]
+        self._turn_and_look(object_name, first.head)
+        again = self._looks.pop()
+        self._looker.turn(HeadAngles(*last.head.tolist()))
+        if (moved := float(np.hypot(*(again.offset - first.offset)))) > _ACCEPTABLE:
+            self._gathering.reject("moving")
+            raise NotFixated(f"Object '{object_name}' has moved by {moved:.1f} px meanwhile: it must rest.")
 
     def _probe(self, object_name: str, axis: int) -> Floats:
         """(2,) px/rad: how the object moves in the picture with one of the head's axes."""
@@ -88,6 +103,8 @@ class Fixation:
                 self._turn_and_look(object_name, head)
             except NotSeen:
                 self._gathering.reject("not seen")
+                continue
+            except OutOfLimits:  # at the end of the head's range
                 continue
             after = self._looks[-1]
             if turned := (after.head - before.head)[axis]:

@@ -29,13 +29,7 @@ router = APIRouter(prefix="/v1", tags=["coordination"])
 @router.post("/looks", responses=responses(404, 502, 504))
 async def look(request: LookRequest, coordinator: CoordinatorDep, lane: CameraLaneDep) -> LookInfo:
     """Where an object, or the hand, is seen now; 422 `not_seen` says what is missing."""
-    point, pair = await lane.run(lambda: coordinator.coordination.find(request.object, request.not_older_than))
-    return LookInfo(
-        point=(point.row, point.column, point.disparity),
-        pan=pair.head.pan,
-        tilt=pair.head.tilt,
-        world_time=pair.left.world_time,
-    )
+    return await lane.run(lambda: coordinator.coordination.look(request.object, request.not_older_than))
 
 
 @router.post("/reaches", status_code=202, response_model=JobView, responses=responses(404, 409))

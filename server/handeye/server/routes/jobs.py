@@ -62,7 +62,8 @@ async def cancel_job(job_id: str, coordinator: CoordinatorDep) -> JobView:
 async def job_events(job: JobDep, last_event_id: LastEventId = 0) -> AsyncIterator[ServerSentEvent]:
     """Server-sent events from the job's first on, or from after Last-Event-ID; the stream ends with the job.
 
-    Events: `state` (data: the job), `progress`, `subtask`, `look`, `not_seen`, `stop`.
+    Events: `state` (data: the job), `progress`; of runs `subtask`, `look`, `waypoint`, `not_seen`, `again`, `stop`; of
+    reaches, gazes and pursuits `look`; of collecting `posture`.
     """
     seen = last_event_id
     while True:

@@ -26,14 +26,14 @@ def robot_state(coordinator: CoordinatorDep) -> RobotInfo:
 
 @router.post("/stop", responses=responses(502, 504))
 async def stop_robot(coordinator: CoordinatorDep, lane: StopLaneDep, request: StopRequest = _UNASKED) -> RobotInfo:
-    """Brakes a motion under way and latches the software stop. Not safety-rated."""
-    return robot_info(await lane.run(partial(coordinator.robot.stop, request.reason)))
+    """Brakes a motion under way, latches the software stop and cancels the job that acts. Not safety-rated."""
+    return robot_info(await lane.run(partial(coordinator.stop, request.reason)))
 
 
 @router.post("/reset", responses=responses(409, 502, 504))
 def reset_robot(coordinator: CoordinatorDep) -> RobotInfo:
-    """Clears the software stop; the next move is ramped."""
-    return robot_info(coordinator.robot.reset())
+    """Clears the software stop; the next move is ramped. Refused until the job that acted has ended."""
+    return robot_info(coordinator.reset())
 
 
 def robot_info(state: RobotState) -> RobotInfo:

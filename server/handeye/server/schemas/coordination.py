@@ -30,6 +30,8 @@ class LookInfo(Body):
 
     point: Annotated[tuple[float, float, float], THREE]
     """(row, column, disparity) in pixels."""
+    confidence: float
+    """How surely it is that, in [0, 1]."""
     pan: float
     """Where the head pointed, in rad."""
     tilt: float
@@ -46,11 +48,15 @@ class ReachRequest(Body):
     """(row, column, disparity) in pixels, for the head as it stands."""
     one_look: bool = Field(default=False, strict=True)
     """Move once, by one look, and do not check."""
+    gaze: bool = Field(default=False, strict=True)
+    """Turn the head to the object first, by SCS, so that it is in the middle of the left picture."""
 
     @model_validator(mode="after")
     def _one_of_them(self) -> ReachRequest:
         if (self.object is None) == (self.point is None):
             raise ValueError("give an object or a point, one of them")
+        if self.gaze and self.object is None:
+            raise ValueError("a point is meant for the head as it stands: gaze goes with an object")
         return self
 
 

@@ -11,7 +11,7 @@ from handeye.client import ApiError
 from handeye.robot_bridge.driver import unwatched
 from handeye.simulation.collecting import collect
 from handeye.simulation.conditions import ORDINARY, Conditions
-from handeye.simulation.evaluation.outcome import Figure, median, share
+from handeye.simulation.evaluation.outcome import Figure, count, median, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.lessons import grasp
 from handeye.simulation.objects import CUPS
@@ -163,6 +163,11 @@ def _figures(courses: Sequence[Course], found: Sequence[Trial]) -> tuple[Figure,
                     median(f"{name}: miss at closing", [each["miss_mm"] for each in tried], "mm", 2.0),
                     median(f"{name}: cup pushed", [each["pushed_mm"] for each in tried], "mm", 2.0),
                 ]
+            if ordinary and course.size > WORKSPACE_SIZE:
+                rejected = {each["seed"]: each["rejected"] for each in tried}
+                figures.append(
+                    count(f"{name}: places rejected, out of the teacher's reach", sum(rejected.values()), len(tried))
+                )
     return tuple(figures)
 
 

@@ -57,8 +57,10 @@ def share(
     return Figure(name, 100 * p, 100 * low, 100 * high, "%", n, target, met, thesis)
 
 
-def count(name: str, value: int, trials: int, most: int) -> Figure:
+def count(name: str, value: int, trials: int, most: int | None = None) -> Figure:
     """How often something happened in so many trials; the target is at `most` so often."""
+    if most is None:
+        return Figure(name, value, value, value, "", trials)
     return Figure(name, value, value, value, "", trials, f"≤ {most}" if most else "none", value <= most)
 
 

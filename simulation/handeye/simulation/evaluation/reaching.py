@@ -17,7 +17,7 @@ from handeye.client.models import ReachJob
 from handeye.rpc.errors import InvalidArgument, Unreachable
 from handeye.simulation import grasping, kinematics, rig
 from handeye.simulation.collecting import collect
-from handeye.simulation.evaluation.outcome import Figure, average, share
+from handeye.simulation.evaluation.outcome import Figure, average, count, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.experimenter import FRESH
 from handeye.simulation.gripper import marker_place
@@ -40,17 +40,28 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
         collect(module, site.lab, site.client, seed, site.progress)
     random = np.random.default_rng([seed, 1])
     told: list[Trial] = []
+    unseen = 0
     with site.progress("reaching", trials) as advance:
         while len(told) < trials:
-            trial = _trial(site, random, len(told), pictures)
+            try:
+                trial = _trial(site, random, len(told), pictures)
+            except ApiError as error:
+                if error.code != "not_seen":
+                    raise
+                unseen += 1  # the arm is before the ball
+                continue
             if trial is not None:
-                told.append(trial)
+                told.append({**trial, "unseen_before": unseen})
+                unseen = 0
                 advance()
     return told
 
 
 def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[Picture]) -> Trial | None:
-    """One reach, and now and then one more by a single look; None when what was drawn cannot be tried."""
+    """One reach, and now and then one more by a single look; None when what was drawn cannot be tried.
+
+    `ApiError` "not_seen" when the ball is not seen.
+    """
     goal, start = _posture(random), _posture(random)
     if goal is None or start is None:
         return None
@@ -69,7 +80,7 @@ def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[
             control.advance(FRESH)
             seen = site.client.look("ball", hung)
             site.experimenter.take_ball()
-    except (InvalidArgument, Unreachable, ApiError):  # the arm is there or before it, or the ball is out of the lab
+    except (InvalidArgument, Unreachable):  # the arm is there, or the ball would be out of the lab
         return None
     job = site.client.reach(seen.point)
     told = {
@@ -85,11 +96,11 @@ def _trial(site: Site, random: np.random.Generator, number: int, pictures: list[
     }
     if number < 3:
         pictures += _pictures(site, job, number)
-    if number % _ONE_LOOK_EVERY == 0 and job.succeeded:
+    if number % _ONE_LOOK_EVERY == 0:
         with site.client.control("referee") as control:
             control.move_to_joints(start)
-        site.client.reach(seen.point, one_look=True)
-        told["one_look_mm"] = _miss(site, place)
+        single = site.client.reach(seen.point, one_look=True)
+        told["one_look_mm"] = _miss(site, place) if single.succeeded else None
     return told
 
 
@@ -106,19 +117,24 @@ def _figures(told: Sequence[Trial]) -> tuple[Figure, ...]:
         if trials
     ]
     done = [each["miss_mm"] for each in told if each["state"] == "succeeded"]
-    single = [each["one_look_mm"] for each in told if "one_look_mm" in each]
     return (
         *figures,
         average("mean miss of the reaches that ended well", done, "mm"),
-        average("mean miss by one look", single, "mm"),
+        average("mean miss by one look", _by_one_look(told), "mm"),
         average("looks", [each["looks"] for each in told], "looks", 6.0),
+        count("balls that were not seen, and not tried", sum(each["unseen_before"] for each in told), len(told)),
     )
+
+
+def _by_one_look(told: Sequence[Trial]) -> tuple[float, ...]:
+    """Misses in mm, where it was tried and not refused."""
+    return tuple(each["one_look_mm"] for each in told if each.get("one_look_mm") is not None)
 
 
 def _histograms(told: Sequence[Trial]) -> dict[str, tuple[float, ...]]:
     return {
         "Miss of single reaches, closed loop, in mm": tuple(each["miss_mm"] for each in told),
-        "Miss by one look, in mm": tuple(each["one_look_mm"] for each in told if "one_look_mm" in each),
+        "Miss by one look, in mm": _by_one_look(told),
     }
 
 

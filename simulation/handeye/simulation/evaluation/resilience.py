@@ -142,7 +142,11 @@ def _figures(found: Sequence[Trial]) -> tuple[Figure, ...]:
         tried = [each for each in found if each["mischance"] == mischance.name]
         figures += [
             share(mischance.name, [each["well"] for each in tried], 90.0),
-            share(f"{mischance.name}: held and said why", [bool(each["failure"]) for each in tried]),
+            share(f"{mischance.name}: held, out of the taught region", [each["held"] for each in tried], most=8.0),
+            share(
+                f"{mischance.name}: failed otherwise and said why",
+                [bool(each["failure"]) and not each["held"] for each in tried],
+            ),
         ]
     unreported = sum(not each["well"] and not each["failure"] for each in found)
     return (*figures, count("failures that were not reported", unreported, len(found), 0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from handeye.simulation.collecting import FIXATIONS, collect
-from handeye.simulation.evaluation.outcome import Figure, average, share
+from handeye.simulation.evaluation.outcome import Figure, average, count, share
 from handeye.simulation.evaluation.site import Evaluation, Site, Trial
 from handeye.simulation.report import Picture
 
@@ -18,6 +18,7 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
     experimenter, client = site.experimenter, site.client
     collect("SCS", site.lab, client, seed, site.progress)
     told: list[Trial] = []
+    unseen = 0
     with site.progress("saccades", trials) as advance:
         for pan, tilt, place in experimenter.balls(seed + _OTHER):
             if not experimenter.present(pan, tilt, place):
@@ -25,10 +26,21 @@ def _measure(site: Site, seed: int, trials: int, pictures: list[Picture]) -> lis
             job = client.gaze("ball")
             looks = job.result.looks if job.result is not None else ()
             if not looks:  # the arm is before it
+                unseen += 1
                 continue
             offsets = [look.offset for look in looks]
             failure = "" if job.succeeded else job.failure
-            told.append({"pan": pan, "tilt": tilt, "place": place.tolist(), "offsets": offsets, "failure": failure})
+            told.append(
+                {
+                    "pan": pan,
+                    "tilt": tilt,
+                    "place": place.tolist(),
+                    "offsets": offsets,
+                    "failure": failure,
+                    "unseen_before": unseen,
+                }
+            )
+            unseen = 0
             if len(told) <= _PICTURED:
                 pictures.append(
                     Picture(client.frame("left"), f"Seed {seed}, trial {len(told)}: the left picture at its end.")
@@ -45,6 +57,11 @@ def _figures(trials: Sequence[Trial]) -> tuple[Figure, ...]:
         average(f"mean offset after one saccade, {FIXATIONS} samples", first, "px", 3.0, "10.6 px"),
         average("mean offset after at most three", third, "px", 1.0),
         share("centred to 3 px after at most three", [each <= 3.0 for each in third]),
+        count(
+            "places at which the ball was not seen at first",
+            sum(trial["unseen_before"] for trial in trials),
+            len(trials),
+        ),
     )
 
 

@@ -72,6 +72,10 @@ class Evaluation:
     clock: Clock | None = None
     """The one clock with which it means something; None: any."""
 
+    def report(self, clock: Clock) -> str:
+        """Name of its report's files: what was measured in lockstep and in realtime does not belong together."""
+        return f"{self.name}-realtime" if self.clock is None and clock is Clock.REALTIME else self.name
+
 
 def run(
     evaluation: Evaluation,
@@ -91,8 +95,8 @@ def run(
             for trial in _measured(evaluation, seed, trials, evaluation.clock or clock, console, pictures)
         ]
         yield Outcome(
-            evaluation.name,
-            evaluation.title,
+            evaluation.report(clock),
+            evaluation.title + (", in realtime" if clock is Clock.REALTIME else ""),
             tuple(dict.fromkeys(trial["seed"] for trial in told)),
             evaluation.figures(told),
             tuple(told),

@@ -12,15 +12,24 @@ from handeye.simulation.experimenter import thesis_views
 from handeye.simulation.report import Picture
 
 _TRAIN, _TEST = 365, 200
+_PICTURED = 2
 
 
-def _measure(site: Site, seed: int, _trials: int, _pictures: list[Picture]) -> list[Trial]:
+def _measure(site: Site, seed: int, _trials: int, pictures: list[Picture]) -> list[Trial]:
     """Shows the nine views, trains by a random choice of their intersections, and asks for others."""
     random = np.random.default_rng(seed)
     views = thesis_views(random)
-    with site.progress("showing the grid", len(views)) as advance:
-        site.experimenter.show_grid(views, advance)
     client = site.client
+    with site.progress("showing the grid", len(views)) as advance:
+
+        def shown() -> None:
+            if len(pictures) < _PICTURED:
+                pictures.append(
+                    Picture(client.frame("left"), f"Seed {seed}: the left picture of one of the nine views.")
+                )
+            advance()
+
+        site.experimenter.show_grid(views, shown)
     samples = list(client.samples("CSS"))
     inputs, outputs = (np.array([getattr(each, name) for each in samples]) for name in ("input", "output"))
     declaration = client.module("CSS").declaration
