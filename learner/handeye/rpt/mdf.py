@@ -78,6 +78,10 @@ class MDFTree:
         self._centre: Floats = np.empty(0)
         self._scale: Floats = np.empty(0)
         self._spacing = 1.0
+        self._usual: Floats = np.ones(2)
+        """Median of each of the scores."""
+        self._taught: Floats = np.empty(0)
+        """(m,) the worse score of each left-out sample, in units of its median, ascending."""
 
     @classmethod
     def fit(
@@ -198,7 +202,7 @@ class MDFTree:
             radius, places = float(arrays["radii"][i]), arrays[f"{i}.places"]
             tree.nodes.append(MDFNode(sample, level, features, places, members, radius, children, owner))
         tree._check()
-        tree._spacing = spacing(tree.nodes[0].places)
+        tree._calibrate()
         return tree
 
     def _check(self) -> None:
@@ -223,9 +227,16 @@ class MDFTree:
             targets = (targets - targets.mean(axis=0)) / _deviations(targets)
         samples = Samples(self._encode(rows), targets, groups, self.classes is not None)
         self.nodes, self.scores = grow(samples, self.settings)
-        self._spacing = spacing(self.nodes[0].places)
         if len(rows) == 1:
             self.scores = self.scores[:0]  # nothing to compare with
+        self._calibrate()
+
+    def _calibrate(self) -> None:
+        """What every query is compared with."""
+        self._spacing = spacing(self.nodes[0].places)
+        if len(self.scores):
+            self._usual = np.maximum(np.median(self.scores, axis=0), SMALLEST)
+            self._taught = np.sort((self.scores / self._usual).max(axis=1))
 
     @property
     def _asked(self) -> int:
@@ -290,10 +301,9 @@ class MDFTree:
             return 1.0
         root = self._features(0)
         nearest = distances(self.nodes[0].places, root.project(point)).min() / self._spacing
-        usual = np.maximum(np.median(self.scores, axis=0), SMALLEST)
-        taught = (self.scores / usual).max(axis=1)
-        score = max(nearest / usual[0], root.unlikeness(point) / usual[1])
-        return float((1 + (taught >= score).sum()) / (len(taught) + 1))
+        score = max(nearest / self._usual[0], root.unlikeness(point) / self._usual[1])
+        count = len(self._taught)
+        return float((1 + count - np.searchsorted(self._taught, score)) / (count + 1))
 
 
 def _deviations(values: Floats, *, keepdims: bool = False) -> Floats:
