@@ -19,12 +19,14 @@ from handeye.modules.guide import Guide, Imagination, reduced
 from handeye.modules.marker import Marker
 from handeye.modules.object_model import ObjectModel
 from handeye.modules.silhouette import rough_places
+from handeye.modules.spaces import HeadAngles
 from handeye.modules.window import Image, Window
 
 SEED = 41  # nothing was tuned on it
 SIZE = (480, 640)
 REACH = 40  # px, the narrow window
 SCENES, ROUNDS = 20, 15
+HEAD = HeadAngles(0.0, 0.0)
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +67,7 @@ def by_turns(calls: dict[str, Callable[[], object]], took: dict[str, list[float]
 def taught(pictures: Sequence[NDArray[np.uint8]], at: Sequence[Floats], reach: float) -> Guide:
     guide = Guide((*SIZE, 3), Imagination(2, reach))
     for number, (picture, place) in enumerate(zip(pictures, at, strict=True)):
-        guide.teach(picture, float(place[0]), float(place[1]), number)
+        guide.teach(picture, float(place[0]), float(place[1]), number, HEAD)
     guide.rebuild()
     return guide
 
@@ -105,7 +107,7 @@ def main() -> None:
 
 
 def guessed(guide: Guide, picture: Image, view: Callable[[Image], NDArray[np.uint8]]) -> object:
-    return guide.guess(view(reduced(picture)))
+    return guide.guess(view(reduced(picture)), HEAD)
 
 
 def search(model: ObjectModel, picture: Image, window: Window) -> list[Floats]:

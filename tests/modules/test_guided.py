@@ -13,13 +13,14 @@ from handeye.modules.guide import Guess, Guide, Imagination, reduced
 from handeye.modules.guided import REACHES, Guesses, GuidedRecogniser
 from handeye.modules.object_model import ObjectModel
 from handeye.modules.recognition import NotSeen, Recogniser, Windows
-from handeye.modules.spaces import ImagePoint
+from handeye.modules.spaces import HeadAngles, ImagePoint
 from handeye.modules.window import Image
 
 from . import conftest
 from .conftest import Artist, Thing, marker_warp
 
 CUP = Thing(0, 0, (24, 16), ((25, 60, 190),))
+HEAD = HeadAngles(0.0, 0.0)
 ARM = Thing(0, 0, (40, 12), ((60, 60, 62),), "rectangle")
 Pair = tuple[Image, Image]
 
@@ -101,6 +102,22 @@ def test_guesses_are_near_and_trusted(artist: Artist, taught: tuple[GuidedRecogn
             assert abs(said.right.column - (found.column - found.disparity)) < 25
 
 
+def test_guesses_are_not_trusted_where_the_head_never_pointed(
+    artist: Artist, taught: tuple[GuidedRecogniser, Watched]
+) -> None:
+    """A picture from elsewhere may be like a taught one by chance."""
+    (guided, watched), random = taught, np.random.default_rng(5)
+    for pan, tilt, known in ((0.0, 0.0, True), (0.03, -0.03, True), (0.06, 0.0, False), (0.0, -0.2, False)):
+        pair, head = scene(artist, random), HeadAngles(pan, tilt)
+        for name in ("cup", None):
+            said = guided.guesses(*pair, name, head)
+            assert said is not None
+            assert said.trusted is known
+        watched.searched.clear()
+        guided.see_object(*pair, "cup", head)
+        assert (watched.searched[0] is not None) is known
+
+
 def test_what_is_found_by_guide_is_what_is_found_without(
     artist: Artist, taught: tuple[GuidedRecogniser, Watched]
 ) -> None:
@@ -118,7 +135,7 @@ def test_what_is_found_by_guide_is_what_is_found_without(
 def misled(guided: GuidedRecogniser, guess: Guess, monkeypatch: pytest.MonkeyPatch) -> None:
     """The guides say `guess`, 30 px to the right and to the left of it."""
     said = itertools.cycle([replace(guess, column=guess.column + shift) for shift in (30, -30)])
-    monkeypatch.setattr(Guide, "guess", lambda _self, _picture: next(said))
+    monkeypatch.setattr(Guide, "guess", lambda *_seen: next(said))
 
 
 @pytest.mark.parametrize(
@@ -165,7 +182,7 @@ def test_guides_that_contradict_each_other_are_not_trusted(
 ) -> None:
     pair = scene(artist, np.random.default_rng(7))
     said: Iterator[Guess] = iter(())
-    monkeypatch.setattr(Guide, "guess", lambda _self, _picture: next(said))
+    monkeypatch.setattr(Guide, "guess", lambda *_seen: next(said))
     for rows, disparity, trusted in ((0, 60, True), (10, 70, True), (40, 60, False), (0, 120, False), (0, 0, False)):
         places = (100, 200), (100 + rows, 200 - disparity)
         said = iter([Guess(float(row), float(column), 1.0, trusted=True) for row, column in places])
@@ -231,9 +248,9 @@ def test_a_guide_keeps_so_many_pictures_and_asks_for_time_ever_less_often() -> N
             built_at.append(number)
             guide.rebuild()
         picture = random.integers(0, 255, (6, 8), dtype=np.uint8)
-        guide.teach(picture, float(random.uniform(0, 240)), float(random.uniform(0, 320)), number)
+        guide.teach(picture, float(random.uniform(0, 240)), float(random.uniform(0, 320)), number, HEAD)
     assert built_at == [24, 36, 54, 81, 122, 183, 275, 413, 573]  # by half of what is kept, at most 320
-    assert guide.guess(random.integers(0, 255, (6, 8), dtype=np.uint8)) is not None
+    assert guide.guess(random.integers(0, 255, (6, 8), dtype=np.uint8), HEAD) is not None
 
 
 @pytest.mark.parametrize(
@@ -243,11 +260,11 @@ def test_what_is_found_where_it_was_expected_is_nothing_new(off: float, trusted:
     guide = Guide((240, 320, 3), Imagination(1, 1 / 16))
     picture = np.arange(48, dtype=np.uint8).reshape(6, 8)
     for number in range(24):
-        guide.teach(picture, 100.0 + number, 150.0, number)
+        guide.teach(picture, 100.0 + number, 150.0, number, HEAD)
     guide.rebuild()
     assert not guide.due
     for number in range(12):
-        guide.teach(picture, 100.0, 150.0, number, Guess(100.0, 150.0 + off, 0.5, trusted=trusted))
+        guide.teach(picture, 100.0, 150.0, number, HEAD, Guess(100.0, 150.0 + off, 0.5, trusted=trusted))
     assert guide.due is due
 
 

@@ -2,12 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from handeye.modules import ijs
 from handeye.modules.module import Module
 from handeye.modules.pipeline import Image, Sees, image_to_joints, recognise, specify_action
-from handeye.modules.spaces import ImagePair, ImagePoint, ImageVector, JointAngles
+from handeye.modules.spaces import HeadAngles, ImagePair, ImagePoint, ImageVector, JointAngles
 
 LEFT = np.zeros((2, 2, 3), np.uint8)
 RIGHT = np.ones((2, 2, 3), np.uint8)
@@ -19,10 +18,10 @@ class Eye:
     """Sees PAIR whatever it is shown, and remembers what that was."""
 
     def __init__(self) -> None:
-        self.shown: list[tuple[Image, Image, str]] = []
+        self.shown: list[tuple[Image, Image, str, HeadAngles]] = []
 
-    def see(self, left: NDArray[np.uint8], right: NDArray[np.uint8], name: str) -> ImagePair:
-        self.shown.append((left, right, name))
+    def see(self, left: Image, right: Image, name: str, head: HeadAngles, /) -> ImagePair:
+        self.shown.append((left, right, name, head))
         return PAIR
 
 
@@ -35,9 +34,9 @@ def module() -> Module:
 
 
 def test_recognise_shows_both_pictures_in_order() -> None:
-    eye = Eye()
-    assert recognise(eye, LEFT, RIGHT, "blue cup") is PAIR
-    assert eye.shown == [(LEFT, RIGHT, "blue cup")]
+    eye, head = Eye(), HeadAngles(0.1, -0.5)
+    assert recognise(eye, LEFT, RIGHT, "blue cup", head) is PAIR
+    assert eye.shown == [(LEFT, RIGHT, "blue cup", head)]
 
 
 def test_the_action_points_from_hand_to_object() -> None:
@@ -52,7 +51,8 @@ def test_image_to_joints_answers_for_the_subtask(subtask: int) -> None:
 
 
 def test_the_recogniser_fits() -> None:
+    from handeye.modules.guided import GuidedRecogniser
     from handeye.modules.recognition import Recogniser
 
-    eye: Sees = Recogniser()
+    eye: Sees = GuidedRecogniser(Recogniser())
     assert callable(eye.see)

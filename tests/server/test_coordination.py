@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from starlette.testclient import TestClient
 
-    from handeye.camera_bridge.driver import Image
     from handeye.modules.spaces import ImagePoint
     from handeye.server.job import Job
     from tests.server.conftest import Lab
@@ -141,10 +140,10 @@ class TestFixating:
         lab.world.cup = np.array([200.0, 300.0, 150.0])
         find, looks = lab.sight.see_object, itertools.count()
 
-        def see_object(left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
+        def see_object(*seen: Any) -> tuple[ImagePoint, float]:
             if next(looks) == 1:
                 lab.world.cup = lab.world.cup + np.array([0.0, 20.0, 0.0])
-            return find(left, right, name)
+            return find(*seen)
 
         monkeypatch.setattr(lab.sight, "see_object", see_object)
         told = view(lab.coordinator.coordination.collect_fixation("blue cup", "all"))
@@ -201,9 +200,9 @@ class TestPursuit:
         begun = lab.world.time
         seen = lab.sight.see_object
 
-        def moving(left: Any, right: Any, name: str, /) -> Any:
+        def moving(*shown: Any) -> Any:
             lab.world.cup = np.array([150.0, 250.0 + 20.0 * (lab.world.time - LATENCY - begun), 150.0])
-            return seen(left, right, name)
+            return seen(*shown)
 
         lab.sight.see_object = moving  # type: ignore[method-assign]
         job = ended(http, http.post("/v1/pursuits", json={"object": "blue cup", "duration": 3.0}))
@@ -390,8 +389,8 @@ class TestReaching:
         moved = np.array([270.0, 280.0, 165.0])
         find = lab.sight.see_object
 
-        def see_object(left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
-            found = find(left, right, name)
+        def see_object(*seen: Any) -> tuple[ImagePoint, float]:
+            found = find(*seen)
             lab.world.cup = moved
             return found
 
@@ -407,8 +406,8 @@ class TestReaching:
         lab.world.cup = np.array([290.0, 250.0, 175.0])
         find = lab.sight.see_object
 
-        def see_object(left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
-            found = find(left, right, name)
+        def see_object(*seen: Any) -> tuple[ImagePoint, float]:
+            found = find(*seen)
             lab.world.hidden.add("object")
             return found
 

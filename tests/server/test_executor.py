@@ -28,7 +28,7 @@ from tests.server.running import FAR, UNTAUGHT, done, miss, run, train
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
-    from handeye.camera_bridge.driver import Image, Tick
+    from handeye.camera_bridge.driver import Tick
     from handeye.modules.spaces import ImagePoint
     from handeye.server.skill import SkillAnswer
     from tests.server.conftest import Lab
@@ -429,8 +429,8 @@ def test_answers_that_differ_by_noise_are_averaged(
     train(lab, noise=noise)
     see, looks = lab.sight.see_hand, itertools.count()
 
-    def seeing(left: Image, right: Image) -> tuple[ImagePoint, float]:
-        point, confidence = see(left, right)
+    def seeing(*shown: Any) -> tuple[ImagePoint, float]:
+        point, confidence = see(*shown)
         off = (0.9, -0.7, 0.6, -0.8)[next(looks) % 4]  # px: 0.6 px are 0.006 rad
         return replace(point, row=point.row + off), confidence
 

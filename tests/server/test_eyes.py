@@ -11,11 +11,12 @@ import pytest
 
 from handeye.camera_bridge.driver import Image
 from handeye.modules.recognition import NotSeen
-from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.spaces import HeadAngles, ImagePair, ImagePoint
 from handeye.server.eyes import Vision
 from handeye.server.pictures import jpeg, right_column, side_by_side
 from handeye.server.problem import Invalid, NotFound
 
+HEAD = HeadAngles(0.0, -0.5)
 EMPTY: Image = np.full((240, 320, 3), 120, np.uint8)
 
 
@@ -29,7 +30,7 @@ def test_an_object_is_learned_from_pictures_and_missed_where_it_is_not() -> None
     vision = Vision()
     vision.learn("cup", [EMPTY, EMPTY], [with_cup(150), with_cup(110)])
     with pytest.raises(NotSeen):  # the hand's marker is not there
-        vision.see(with_cup(150), with_cup(110), "cup")
+        vision.see(with_cup(150), with_cup(110), "cup", HEAD)
 
 
 def test_an_object_that_was_deleted_meanwhile_is_not_known_any_more() -> None:
@@ -38,7 +39,7 @@ def test_an_object_that_was_deleted_meanwhile_is_not_known_any_more() -> None:
     vision.forget("cup")
     for see in (vision.see, vision.see_object):
         with pytest.raises(NotFound, match="'cup' is not known any more"):
-            see(with_cup(150), with_cup(110), "cup")
+            see(with_cup(150), with_cup(110), "cup", HEAD)
 
 
 def test_pictures_that_show_nothing_new_teach_nothing() -> None:
@@ -70,14 +71,14 @@ def test_colours_survive_the_encoding() -> None:
 def test_guides_are_made_anew_beside_the_looks_and_end_with_the_vision() -> None:
     with closing(Vision()) as vision:
         vision.learn("cup", [EMPTY, EMPTY], [with_cup(150), with_cup(110)])
-        assert vision.guesses(with_cup(150), with_cup(110), "cup") is None
+        assert vision.guesses(with_cup(150), with_cup(110), "cup", HEAD) is None
         for column in range(100, 148, 2):
-            vision.see_object(with_cup(column + 40), with_cup(column), "cup")
+            vision.see_object(with_cup(column + 40), with_cup(column), "cup", HEAD)
         vision.settle()
-        said = vision.guesses(with_cup(155), with_cup(115), "cup")
+        said = vision.guesses(with_cup(155), with_cup(115), "cup", HEAD)
         assert said is not None
         assert said.trusted
         assert abs(said.left.column - 175) < 20
     for column in range(24):  # closed: nothing is made anew
-        vision.see_object(with_cup(column + 140), with_cup(column + 100), "cup")
+        vision.see_object(with_cup(column + 140), with_cup(column + 100), "cup", HEAD)
     assert "guides" not in {thread.name for thread in threading.enumerate()}

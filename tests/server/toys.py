@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from handeye.camera_bridge.driver import Course, Frame, HeadState, Image, StereoPair, Tick
 from handeye.modules.recognition import HandNotSeen, NotSeen
-from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.spaces import HeadAngles, ImagePair, ImagePoint
 from handeye.robot_bridge.driver import Joints, Pace, RobotDescription, RobotState, Watch, unwatched
 from handeye.rpc.errors import Busy, DeadlineExceeded, OutOfLimits, RpcError, Stopped, Unauthorised, Unavailable
 
@@ -284,13 +284,13 @@ class ToySight:
     def forget(self, name: str) -> None:
         self.learned.pop(name, None)
 
-    def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
-        return ImagePair(object=self.see_object(left, right, name)[0], hand=self.see_hand(left, right)[0])
+    def see(self, left: Image, right: Image, name: str, head: HeadAngles, /) -> ImagePair:
+        return ImagePair(object=self.see_object(left, right, name, head)[0], hand=self.see_hand(left, right, head)[0])
 
-    def see_object(self, _left: Image, _right: Image, name: str, /) -> tuple[ImagePoint, float]:
+    def see_object(self, _left: Image, _right: Image, name: str, _head: HeadAngles, /) -> tuple[ImagePoint, float]:
         return self._seen("object", name, self.world.others.get(name, self.world.cup))
 
-    def see_hand(self, _left: Image, _right: Image, /) -> tuple[ImagePoint, float]:
+    def see_hand(self, _left: Image, _right: Image, _head: HeadAngles, /) -> tuple[ImagePoint, float]:
         return self._seen("hand", "marker 7", self.world.hand)
 
     def _seen(self, what: str, name: str, place: NDArray[np.float64]) -> tuple[ImagePoint, float]:

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from handeye.modules.spaces import Floats, HeadAngles
 from handeye.modules.window import Image
 from handeye.rpt.mdf import MDFSettings, MDFTree
 
@@ -31,6 +32,7 @@ _GROWTH = 1.5  # a tree is made anew when so many times the pictures that it was
 NARROW = 1 / 16
 """What is found farther than this from where it was expected, as a share of the picture's width, is a surprise."""
 _LOW_SUPPORT = 0.005  # all but one in 200 of the taught pictures were more like the others
+_SAME_VIEW = 0.05  # rad: from where the head pointed in the taught pictures; 30 px in a picture of 640
 _LEAST_CONTRAST = 0.5  # of the flattest taught picture's: the tree itself stretches every picture to full contrast
 
 
@@ -42,7 +44,7 @@ class Guess:
     column: float
     support: float
     trusted: bool
-    """Whether the support is not low, so that it is worth to search there first."""
+    """Whether the support is not low and the head points where it has pointed before: it is worth to search there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +60,13 @@ class _Taught(NamedTuple):
     row: float
     column: float
     scene: int
+    head: HeadAngles
 
 
 class _Built(NamedTuple):
     tree: MDFTree
+    heads: Floats
+    """(n, 2) where the head pointed in the taught pictures, in rad."""
     flattest: float
     """Standard deviation of the flattest taught picture's grey levels."""
 
@@ -87,8 +92,8 @@ class Guide:
         self._built: _Built | None = None
         self._lock = threading.Lock()
 
-    def guess(self, picture: GreyPicture) -> Guess | None:
-        """Where the thing is in a reduced picture; None as long as nothing is known."""
+    def guess(self, picture: GreyPicture, head: HeadAngles) -> Guess | None:
+        """Where the thing is in a reduced picture, seen with the head at `head`; None as long as nothing is known."""
         built = self._built
         if built is None:
             return None
@@ -98,12 +103,22 @@ class Guide:
         support = 0.0 if flat else float(answer.support)
         # Among few taught pictures even the unlikest one has the support 1 / (n + 1).
         least = max(_LOW_SUPPORT, 1 / (len(built.tree.outputs) + 1))
-        return Guess(row, column, support, trusted=support > least)
+        # A picture from elsewhere may be like a taught one by chance: all of it is shifted, and the thing is not there.
+        known = bool((np.abs(built.heads - (head.pan, head.tilt)).max(axis=1) < _SAME_VIEW).any())
+        return Guess(row, column, support, trusted=known and support > least)
 
-    def teach(self, picture: GreyPicture, row: float, column: float, scene: int, expected: Guess | None = None) -> None:
+    def teach(
+        self,
+        picture: GreyPicture,
+        row: float,
+        column: float,
+        scene: int,
+        head: HeadAngles,
+        expected: Guess | None = None,
+    ) -> None:
         """The thing was found at (row, column), px of the whole picture, and `expected` had been guessed.
 
-        `scene`: pictures of one are alike.
+        `scene`: pictures of one are alike. `head`: where it pointed.
         """
         surprising = (
             expected is None
@@ -113,7 +128,7 @@ class Guide:
         with self._lock:
             if len(self._taught) == _KEPT:
                 self._taught.pop(int(self._random.integers(_KEPT)))
-            self._taught.append(_Taught(picture, row, column, scene))
+            self._taught.append(_Taught(picture, row, column, scene, head))
             self._surprises += surprising
 
     @property
@@ -126,7 +141,8 @@ class Guide:
         with self._lock:
             taught = tuple(self._taught)
             self._due_at = self._surprises + (_GROWTH - 1) * len(taught)
-        self._built = _Built(self._grow(taught), min(float(each.picture.std()) for each in taught))
+        heads = np.unique([(each.head.pan, each.head.tilt) for each in taught], axis=0)
+        self._built = _Built(self._grow(taught), heads, min(float(each.picture.std()) for each in taught))
 
     def _grow(self, taught: tuple[_Taught, ...]) -> MDFTree:
         random = np.random.default_rng(len(taught))
@@ -151,4 +167,4 @@ class Guide:
         shifted = cv2.warpAffine(
             seen.picture, warp, seen.picture.shape[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        return _Taught(np.asarray(shifted, dtype=np.uint8), float(moved[0]), float(moved[1]), seen.scene)
+        return _Taught(np.asarray(shifted, dtype=np.uint8), float(moved[0]), float(moved[1]), seen.scene, seen.head)

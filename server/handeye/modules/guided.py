@@ -1,8 +1,8 @@
 """Guided recognition (RSS): four guides say roughly where to look, and detection searches there first (thesis 4.2.7).
 
 One guide for each of {left, right} × {object, hand}. Detection searches a narrow window around the guess, then a wider
-one, then the whole picture; where a guess has low support, the whole picture at once. So a blunder costs time, never
-the task: what is found is what detection finds. And each find teaches the guides.
+one, then the whole picture; where a guess has low support, or the head points where it never has, the whole picture at
+once. So a blunder costs time, never the task: what is found is what detection finds. And each find teaches the guides.
 
 The object's guides see how probably each cell shows the object's colours, the hand's see grey pictures with the arm.
 """
@@ -18,7 +18,7 @@ import numpy as np
 from handeye.modules.guide import NARROW, GreyPicture, Guess, Guide, Imagination, reduced
 from handeye.modules.object_model import ObjectModel
 from handeye.modules.recognition import NotSeen, Recogniser, Windows
-from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.spaces import HeadAngles, ImagePair, ImagePoint
 from handeye.modules.window import Image, Window
 
 Side = Literal["left", "right"]
@@ -27,8 +27,9 @@ SIDES: tuple[Side, Side] = ("left", "right")
 REACHES = (NARROW, 5 / 32)
 """The windows reach so far from the guess, as shares of the picture's width: 40 and 100 px of 640."""
 
-_ROWS_AGREE = 0.07  # of the width: guesses in left and right picture whose rows are farther apart are not one point
-_DISPARITIES_AGREE = 0.05  # of the width: nor are those whose disparity is so far beyond all that were found
+_STRAIGHT = HeadAngles(0.0, 0.0)  # of a head that nobody tells of: it never turns
+_ROWS_AGREE = 0.06  # of the width: guesses in left and right picture whose rows are farther apart are not one point
+_DISPARITIES_AGREE = 0.035  # of the width: nor are those whose disparity is so far beyond all that were found
 _OF_OBJECT = Imagination(count=2, reach=1 / 4)  # before nothing: wherever it is, it looks the same
 _OF_HAND = Imagination(count=2, reach=1 / 16)  # the arm that comes with it looks much the same nearby only
 _SAME_SCENE = 8.0  # px that a thing may have moved
@@ -52,11 +53,13 @@ class Guesses(NamedTuple):
 
 
 class _Find(NamedTuple):
-    """A point that was found, the confidence, what the guides see of the pictures, and what they had guessed."""
+    """A point that was found, the confidence, what the guides see of the pictures and from where, and what they had
+    guessed."""
 
     point: ImagePoint
     confidence: float
     views: _Views
+    head: HeadAngles
     guesses: Guesses | None
 
 
@@ -85,26 +88,28 @@ class GuidedRecogniser:
         self._recogniser.forget(name)
         self._drop_guides(name)
 
-    def see(self, left: Image, right: Image, name: str) -> ImagePair:
-        """As `Recogniser.see`."""
+    def see(self, left: Image, right: Image, name: str, head: HeadAngles = _STRAIGHT) -> ImagePair:
+        """As `Recogniser.see`; `head`: where it pointed."""
         self._recogniser.model(name)
-        hand, thing = self._find(left, right, None), self._find(left, right, name)
+        hand, thing = self._find(left, right, None, head), self._find(left, right, name, head)
         scene = self._scene(name, thing.point)
         self._teach(None, left.shape, hand, scene)
         self._teach(name, left.shape, thing, scene)
         return ImagePair(thing.point, hand.point, thing.confidence, hand.confidence)
 
-    def see_object(self, left: Image, right: Image, name: str) -> tuple[ImagePoint, float]:
-        """As `Recogniser.see_object`."""
-        return self._see_one(left, right, name)
+    def see_object(
+        self, left: Image, right: Image, name: str, head: HeadAngles = _STRAIGHT
+    ) -> tuple[ImagePoint, float]:
+        """As `Recogniser.see_object`; `head`: where it pointed."""
+        return self._see_one(left, right, name, head)
 
-    def see_hand(self, left: Image, right: Image) -> tuple[ImagePoint, float]:
-        """As `Recogniser.see_hand`."""
-        return self._see_one(left, right, None)
+    def see_hand(self, left: Image, right: Image, head: HeadAngles = _STRAIGHT) -> tuple[ImagePoint, float]:
+        """As `Recogniser.see_hand`; `head`: where it pointed."""
+        return self._see_one(left, right, None, head)
 
-    def guesses(self, left: Image, right: Image, name: str | None) -> Guesses | None:
+    def guesses(self, left: Image, right: Image, name: str | None, head: HeadAngles = _STRAIGHT) -> Guesses | None:
         """Where the guides expect an object, or the hand for None; None as long as they know nothing."""
-        return self._guesses(name, left.shape, self._views(left, right, name))
+        return self._guesses(name, left.shape, self._views(left, right, name), head)
 
     @property
     def due(self) -> bool:
@@ -128,27 +133,27 @@ class GuidedRecogniser:
             self._scenes.pop(name, None)
             self._disparities.pop(name, None)
 
-    def _see_one(self, left: Image, right: Image, name: str | None) -> tuple[ImagePoint, float]:
-        find = self._find(left, right, name)
+    def _see_one(self, left: Image, right: Image, name: str | None, head: HeadAngles) -> tuple[ImagePoint, float]:
+        find = self._find(left, right, name, head)
         self._teach(name, left.shape, find, self._scene(name, find.point))
         return find.point, find.confidence
 
-    def _find(self, left: Image, right: Image, name: str | None) -> _Find:
+    def _find(self, left: Image, right: Image, name: str | None, head: HeadAngles) -> _Find:
         """Searches where the guides say, then in ever larger parts; raises as `Recogniser.see_object` does."""
         if left.shape != right.shape:
             self._search(left, right, name, None)  # refuses it
         views = self._views(left, right, name)
-        guesses = self._guesses(name, left.shape, views)
+        guesses = self._guesses(name, left.shape, views, head)
         if guesses is not None and guesses.trusted:
             for reach in REACHES:
                 windows = _windows(guesses, reach * left.shape[1], left.shape)
                 if windows is None:
                     continue
                 try:
-                    return _Find(*self._search(left, right, name, windows), views, guesses)
+                    return _Find(*self._search(left, right, name, windows), views, head, guesses)
                 except NotSeen:
                     continue
-        return _Find(*self._search(left, right, name, None), views, guesses)
+        return _Find(*self._search(left, right, name, None), views, head, guesses)
 
     def _search(self, left: Image, right: Image, name: str | None, windows: Windows | None) -> tuple[ImagePoint, float]:
         if name is None:
@@ -163,11 +168,13 @@ class GuidedRecogniser:
             first, second = (self._recogniser.model(name).likeness(each) for each in small)
         return first, second
 
-    def _guesses(self, name: str | None, shape: tuple[int, ...], views: _Views) -> Guesses | None:
+    def _guesses(self, name: str | None, shape: tuple[int, ...], views: _Views, head: HeadAngles) -> Guesses | None:
         with self._lock:
             guides = [self._guides.get((name, side, shape)) for side in SIDES]
             least, greatest = self._disparities.get(name, (0.0, 0.0))
-        left, right = (None if each is None else each.guess(view) for each, view in zip(guides, views, strict=True))
+        left, right = (
+            None if each is None else each.guess(view, head) for each, view in zip(guides, views, strict=True)
+        )
         if left is None or right is None:
             return None
         spare, disparity = _DISPARITIES_AGREE * shape[1], left.column - right.column
@@ -196,7 +203,7 @@ class GuidedRecogniser:
                 if key not in self._guides:
                     self._guides[key] = Guide(shape, _OF_HAND if name is None else _OF_OBJECT)
                 guide = self._guides[key]
-            guide.teach(view, found.row, column, scene, guess)
+            guide.teach(view, found.row, column, scene, find.head, guess)
 
 
 def _windows(guesses: Guesses, reach: float, shape: tuple[int, ...]) -> Windows | None:

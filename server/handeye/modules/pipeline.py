@@ -54,17 +54,17 @@ Image = NDArray[np.uint8]
 class Sees(Protocol):
     """RSS: what finds an object by its name, and the hand, in two images.
 
-    `handeye.modules.recognition.Recogniser` does; it raises `NotSeen` when one of them is not to be found.
+    `handeye.modules.guided.GuidedRecogniser` does; it raises `NotSeen` when one of them is not to be found.
     """
 
-    def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
-        """Where object and hand are."""
+    def see(self, left: Image, right: Image, name: str, head: HeadAngles, /) -> ImagePair:
+        """Where object and hand are; `head` pointed there."""
         ...
 
 
-def recognise(recogniser: Sees, left: Image, right: Image, object_name: str) -> ImagePair:
-    """RSS: two images -> I."""
-    return recogniser.see(left, right, object_name)
+def recognise(recogniser: Sees, left: Image, right: Image, object_name: str, head: HeadAngles) -> ImagePair:
+    """RSS: two images, and where the head pointed -> I."""
+    return recogniser.see(left, right, object_name, head)
 
 
 def specify_action(found: ImagePair, css: Module | None = None) -> ImageVector | HandVector:

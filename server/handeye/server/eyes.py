@@ -13,18 +13,18 @@ from handeye.modules.guided import Guesses, GuidedRecogniser
 from handeye.modules.object_model import ObjectModel
 from handeye.modules.pipeline import Sees, recognise
 from handeye.modules.recognition import NotSeen, Recogniser
-from handeye.modules.spaces import ImagePair, ImagePoint
+from handeye.modules.spaces import HeadAngles, ImagePair, ImagePoint
 from handeye.server.problem import Invalid, NotFound
 
 
 class Sight(Sees, Protocol):
     """What finds objects and the hand (RSS), and learns objects too; `Vision` is one."""
 
-    def see_object(self, left: Image, right: Image, name: str, /) -> tuple[ImagePoint, float]:
+    def see_object(self, left: Image, right: Image, name: str, head: HeadAngles, /) -> tuple[ImagePoint, float]:
         """Where the object is, and the confidence in [0, 1]."""
         ...
 
-    def see_hand(self, left: Image, right: Image, /) -> tuple[ImagePoint, float]:
+    def see_hand(self, left: Image, right: Image, head: HeadAngles, /) -> tuple[ImagePoint, float]:
         """Where the hand is, and the confidence in [0, 1]."""
         ...
 
@@ -60,32 +60,32 @@ class Vision:
         """Does not find object `name` any more."""
         self._recogniser.forget(name)
 
-    def see(self, left: Image, right: Image, name: str, /) -> ImagePair:
+    def see(self, left: Image, right: Image, name: str, head: HeadAngles, /) -> ImagePair:
         """Object and hand in the two pictures; `NotSeen` says what is missing in which picture.
 
         `NotFound` when the object has been deleted.
         """
         with _known(name):
-            found = self._recogniser.see(left, right, name)
+            found = self._recogniser.see(left, right, name, head)
         self._keep_guides()
         return found
 
-    def see_object(self, left: Image, right: Image, name: str, /) -> tuple[ImagePoint, float]:
+    def see_object(self, left: Image, right: Image, name: str, head: HeadAngles, /) -> tuple[ImagePoint, float]:
         """The object and the confidence in [0, 1]; raises as `see` does."""
         with _known(name):
-            found = self._recogniser.see_object(left, right, name)
+            found = self._recogniser.see_object(left, right, name, head)
         self._keep_guides()
         return found
 
-    def see_hand(self, left: Image, right: Image, /) -> tuple[ImagePoint, float]:
+    def see_hand(self, left: Image, right: Image, head: HeadAngles, /) -> tuple[ImagePoint, float]:
         """The hand and the confidence in [0, 1]; raises as `see` does."""
-        found = self._recogniser.see_hand(left, right)
+        found = self._recogniser.see_hand(left, right, head)
         self._keep_guides()
         return found
 
-    def guesses(self, left: Image, right: Image, name: str | None) -> Guesses | None:
+    def guesses(self, left: Image, right: Image, name: str | None, head: HeadAngles) -> Guesses | None:
         """Where the guides expect an object, or the hand for None; None as long as they know nothing."""
-        return self._recogniser.guesses(left, right, name)
+        return self._recogniser.guesses(left, right, name, head)
 
     def settle(self) -> None:
         """Waits until no guide is being made anew."""
@@ -157,11 +157,11 @@ class Eyes:
 
     def recognise(self, pair: StereoPair, object_name: str, object_at: ImagePoint | None = None) -> Sighting:
         """Object and hand in a pair, or why not. An object that a person has marked is not looked for: `object_at`."""
-        left, right = pair.left.image, pair.right.image
+        left, right, head = _views(pair)
         try:
             if object_at is None:
-                return Sighting(pair, recognise(self._sight, left, right, object_name))
-            hand, confidence = self._sight.see_hand(left, right)
+                return Sighting(pair, recognise(self._sight, left, right, object_name, head))
+            hand, confidence = self._sight.see_hand(left, right, head)
             return Sighting(pair, ImagePair(object_at, hand, hand_confidence=confidence))
         except NotSeen as missing:
             return Sighting(pair, missing)
@@ -172,7 +172,12 @@ class Eyes:
 
     def see(self, pair: StereoPair, object_name: str | None) -> tuple[ImagePoint, float]:
         """The object in a pair, or the hand for None, and the confidence in [0, 1]; raises `NotSeen`."""
-        left, right = pair.left.image, pair.right.image
+        left, right, head = _views(pair)
         if object_name is None:
-            return self._sight.see_hand(left, right)
-        return self._sight.see_object(left, right, object_name)
+            return self._sight.see_hand(left, right, head)
+        return self._sight.see_object(left, right, object_name, head)
+
+
+def _views(pair: StereoPair) -> tuple[Image, Image, HeadAngles]:
+    """Left and right picture, and from where they were taken."""
+    return pair.left.image, pair.right.image, HeadAngles(pair.head.pan, pair.head.tilt)

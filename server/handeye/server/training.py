@@ -85,8 +85,8 @@ class TrainedTask:
         anew with other subtasks or axes, `NothingTaught` when what it was taught in this subtask was taken out.
         """
         module = self.tasks.module(self)  # before it is compared: what is trained anew is in the store first
-        now = self.tasks.get(self.name)
-        if (now.frame, _untimed(now.subtasks)) != (self.frame, _untimed(self.subtasks)):
+        frame, subtasks = self.tasks.declared(self.name)
+        if (frame, _untimed(subtasks)) != (self.frame, _untimed(self.subtasks)):
             raise Conflict(
                 f"Task '{self.name}' was trained anew with other subtasks or axes while it ran; run it again."
             )
@@ -144,11 +144,12 @@ class Tasks:
     def get(self, name: str) -> TrainedTask:
         """The trained task of that name; `NotFound` when there is none."""
         with self._store.read() as connection:
-            row = stored_tasks.read(connection, name)
-            if row is not None:
-                return self._trained(connection, row)
-            known = ", ".join(repr(each["name"]) for each in stored_tasks.all_tasks(connection)) or "none yet"
-        raise NotFound(f"Task '{name}' is not trained (trained: {known}); train it by POST /v1/tasks/{name}/train.")
+            return self._trained(connection, _row(connection, name))
+
+    def declared(self, name: str) -> tuple[Frame, tuple[Subtask, ...]]:
+        """The axes of that task and its subtasks, for each look anew; `NotFound` when there is no such task."""
+        with self._store.read() as connection:
+            return _declared(loads(_row(connection, name)["content"]))
 
     def all(self) -> tuple[TrainedTask, ...]:
         """By name."""
@@ -168,13 +169,10 @@ class Tasks:
 
     def _trained(self, connection: Connection, row: Mapping[str, Any]) -> TrainedTask:
         content = loads(row["content"])
-        subtasks = tuple(
-            Subtask(each["name"], each["action"], each.get("object"), tuple(each.get("way", ())))
-            for each in content["subtasks"]
-        )
+        frame, subtasks = _declared(content)
         left = stored_modules.demonstrations_of(connection, row["module"])
         shown = tuple(name for name in content["demonstrations"] if name in left)
-        return TrainedTask(row["name"], row["module"], subtasks, shown, content.get("frame", "picture"), self)
+        return TrainedTask(row["name"], row["module"], subtasks, shown, frame, self)
 
     def css(self) -> Module:
         """Module CSS; `NothingTaught` when it is not there."""
@@ -207,6 +205,22 @@ class Tasks:
                 f"Task '{task}' answers by a module '{module}', and there is one of that name that belongs to no task; "
                 f"delete it by DELETE /v1/modules/{module}."
             )
+
+
+def _row(connection: Connection, name: str) -> Mapping[str, Any]:
+    row = stored_tasks.read(connection, name)
+    if row is not None:
+        return row
+    known = ", ".join(repr(each["name"]) for each in stored_tasks.all_tasks(connection)) or "none yet"
+    raise NotFound(f"Task '{name}' is not trained (trained: {known}); train it by POST /v1/tasks/{name}/train.")
+
+
+def _declared(content: Mapping[str, Any]) -> tuple[Frame, tuple[Subtask, ...]]:
+    subtasks = tuple(
+        Subtask(each["name"], each["action"], each.get("object"), tuple(each.get("way", ())))
+        for each in content["subtasks"]
+    )
+    return content.get("frame", "picture"), subtasks
 
 
 def declare(frame: Frame, approximator: Method | ApproximatorSettings | None) -> ModuleDeclaration:

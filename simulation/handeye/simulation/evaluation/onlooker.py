@@ -12,7 +12,7 @@ from handeye.modules.marker import Marker
 from handeye.modules.object_model import ObjectModel
 from handeye.modules.recognition import Recogniser, Windows
 from handeye.modules.silhouette import rough_places
-from handeye.modules.spaces import ImagePoint
+from handeye.modules.spaces import HeadAngles, ImagePoint
 from handeye.modules.window import Image, Window
 from handeye.simulation.evaluation.disturbing import Pair
 from handeye.simulation.evaluation.site import Site
@@ -44,6 +44,12 @@ class Onlooker:
             control.advance(FRESH)
         return self.pair(now)
 
+    @property
+    def head(self) -> HeadAngles:
+        """Where the head points."""
+        head = self.site.client.head()
+        return HeadAngles(head.pan, head.tilt)
+
     def learn(self, spec: ObjectSpec, seed: int) -> None:
         """Has an object shown, to the coordinator too, and learns it from the same kind of pictures."""
         site = self.site
@@ -70,14 +76,16 @@ class Onlooker:
         left = Window.around(found.row, found.column, REACHES[0] * shape[1], shape)
         right = Window.around(found.row, found.column - found.disparity, REACHES[0] * shape[1], shape)
         assert left is not None and right is not None  # noqa: S101, PT018 # it was found there
-        guided, whole = self.guided, Window.whole(shape)
+        guided, whole, head = self.guided, Window.whole(shape), self.head
         calls: dict[str, Callable[[], object]] = {
             "search_whole_ms": partial(self._search, pair, name, (whole, whole)),
             "search_window_ms": partial(self._search, pair, name, (left, right)),
             "whole_ms": partial(self.find, pair, name),
             "window_ms": partial(self.find, pair, name, (left, right)),
-            "guides_ms": partial(guided.guesses, *pair, name),
-            "guided_ms": partial(guided.see_hand, *pair) if name is None else partial(guided.see_object, *pair, name),
+            "guides_ms": partial(guided.guesses, *pair, name, head),
+            "guided_ms": partial(guided.see_hand, *pair, head)
+            if name is None
+            else partial(guided.see_object, *pair, name, head),
         }
         least = dict.fromkeys(calls, math.inf)
         for _ in range(_ROUNDS):

@@ -72,7 +72,7 @@ def _teach(onlooker: Onlooker, cup: ObjectSpec, seed: int) -> None:
     motions = generator(seed, Purpose.MOTIONS)
 
     def watch() -> None:
-        onlooker.guided.see(*onlooker.pair(), cup.name)
+        onlooker.guided.see(*onlooker.pair(), cup.name, onlooker.head)
 
     with site.progress("ten demonstrations", TAUGHT) as advance:
         for place in draw(seed, Purpose.TEACHING, TAUGHT):
@@ -118,9 +118,9 @@ def _posture(site: Site, cup: ObjectSpec, random: np.random.Generator) -> Array:
 def _absent(onlooker: Onlooker, cup: ObjectSpec) -> Trial:
     """Without the cup: whether that is flagged, and whether something else is taken for it."""
     pair = onlooker.look()
-    guesses = onlooker.guided.guesses(*pair, cup.name)
+    guesses = onlooker.guided.guesses(*pair, cup.name, onlooker.head)
     try:
-        onlooker.guided.see_object(*pair, cup.name)
+        onlooker.guided.see_object(*pair, cup.name, onlooker.head)
     except NotSeen:
         return {"what": "absent", "flagged": guesses is None or not guesses.trusted, "found": False}
     return {"what": "absent", "flagged": guesses is None or not guesses.trusted, "found": True}
@@ -137,7 +137,7 @@ def _judged(onlooker: Onlooker, cup: ObjectSpec, scene: str, pair: Pair) -> list
     told = []
     for name, point in points.items():
         trial: Trial = {"what": "look", "scene": scene, "thing": "hand" if name is None else "object"}
-        guesses = onlooker.guided.guesses(*pair, name)
+        guesses = onlooker.guided.guesses(*pair, name, onlooker.head)
         trial["flagged"] = guesses is None or not guesses.trusted
         try:
             found = onlooker.find(pair, name)
