@@ -34,6 +34,8 @@ _OF_OBJECT = Imagination(count=2, reach=1 / 4)  # before nothing: wherever it is
 _OF_HAND = Imagination(count=2, reach=1 / 16)  # the arm that comes with it looks much the same nearby only
 _SAME_SCENE = 8.0  # px that a thing may have moved
 
+_Reduced = tuple[Image, Image]
+"""Left and right picture in colour, strongly reduced."""
 _Views = tuple[GreyPicture, GreyPicture]
 """What the guides see of the left and of the right picture."""
 
@@ -91,7 +93,8 @@ class GuidedRecogniser:
     def see(self, left: Image, right: Image, name: str, head: HeadAngles = _STRAIGHT) -> ImagePair:
         """As `Recogniser.see`; `head`: where it pointed."""
         self._recogniser.model(name)
-        hand, thing = self._find(left, right, None, head), self._find(left, right, name, head)
+        small = _reduced(left, right)
+        hand, thing = self._find(left, right, None, head, small), self._find(left, right, name, head, small)
         scene = self._scene(name, thing.point)
         self._teach(None, left.shape, hand, scene)
         self._teach(name, left.shape, thing, scene)
@@ -109,7 +112,7 @@ class GuidedRecogniser:
 
     def guesses(self, left: Image, right: Image, name: str | None, head: HeadAngles = _STRAIGHT) -> Guesses | None:
         """Where the guides expect an object, or the hand for None; None as long as they know nothing."""
-        return self._guesses(name, left.shape, self._views(left, right, name), head)
+        return self._guesses(name, left.shape, self._views(_reduced(left, right), name), head)
 
     @property
     def due(self) -> bool:
@@ -134,15 +137,18 @@ class GuidedRecogniser:
             self._disparities.pop(name, None)
 
     def _see_one(self, left: Image, right: Image, name: str | None, head: HeadAngles) -> tuple[ImagePoint, float]:
-        find = self._find(left, right, name, head)
+        find = self._find(left, right, name, head, _reduced(left, right))
         self._teach(name, left.shape, find, self._scene(name, find.point))
         return find.point, find.confidence
 
-    def _find(self, left: Image, right: Image, name: str | None, head: HeadAngles) -> _Find:
-        """Searches where the guides say, then in ever larger parts; raises as `Recogniser.see_object` does."""
+    def _find(self, left: Image, right: Image, name: str | None, head: HeadAngles, small: _Reduced) -> _Find:
+        """Searches where the guides say, then in ever larger parts; raises as `Recogniser.see_object` does.
+
+        `small`: the pictures, reduced.
+        """
         if left.shape != right.shape:
             self._search(left, right, name, None)  # refuses it
-        views = self._views(left, right, name)
+        views = self._views(small, name)
         guesses = self._guesses(name, left.shape, views, head)
         if guesses is not None and guesses.trusted:
             for reach in REACHES:
@@ -160,8 +166,7 @@ class GuidedRecogniser:
             return self._recogniser.see_hand(left, right, windows)
         return self._recogniser.see_object(left, right, name, windows)
 
-    def _views(self, left: Image, right: Image, name: str | None) -> _Views:
-        small = reduced(left), reduced(right)
+    def _views(self, small: _Reduced, name: str | None) -> _Views:
         if name is None:
             first, second = (np.asarray(cv2.cvtColor(each, cv2.COLOR_RGB2GRAY), dtype=np.uint8) for each in small)
         else:
@@ -204,6 +209,10 @@ class GuidedRecogniser:
                     self._guides[key] = Guide(shape, _OF_HAND if name is None else _OF_OBJECT)
                 guide = self._guides[key]
             guide.teach(view, found.row, column, scene, find.head, guess)
+
+
+def _reduced(left: Image, right: Image) -> _Reduced:
+    return reduced(left), reduced(right)
 
 
 def _windows(guesses: Guesses, reach: float, shape: tuple[int, ...]) -> Windows | None:
