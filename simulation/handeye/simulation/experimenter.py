@@ -35,7 +35,9 @@ _HEAD_PAN, _HEAD_TILT = (-1.0, 1.0), (-0.9, 0.25)  # rad: from where the ball is
 _LEAST_HEIGHT = 0.06  # m above the table
 _TURNED = np.array([0.15, 0.35, 0.35])  # rad: how far a grid is rolled, pitched and yawed at most
 _UNSEEN = 0.25  # of the views of a grid may not be seen
-_PATIENCE = 20  # balls in a row that were not seen or not fixated
+_PATIENCE = 20  # balls in a row that came to nothing
+_PASSING = ("not_seen", "not_fixated", "unavailable", "deadline_exceeded")
+"""Why a ball may come to nothing and the next one not: the arm is before it, or the machine is too busy."""
 _EXAMPLES = 8  # a ball is lit otherwise from each side
 _WHOLE = 60.0  # px from the border in which an example lies at least
 _CUP_EXAMPLES = ((0.55, -0.10), (0.75, 0.10), (0.82, -0.02), (0.62, 0.05))  # m, on the table, near and far
@@ -193,7 +195,7 @@ class Experimenter:
             code = "" if job.error is None else job.error.code
             rejected[code.replace("_", " ")] += 1
             in_vain += 1
-            if code not in ("not_seen", "not_fixated") or in_vain == _PATIENCE:  # else: the arm is before it
+            if code not in _PASSING or in_vain == _PATIENCE:
                 job.raise_for_failure()
         self.take_ball()
         return rejected
