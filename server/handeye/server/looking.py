@@ -67,7 +67,7 @@ class Looker:
 
     def halt(self) -> None:
         """Ends following: the head slows down and stands still."""
-        self._turned = self._head.halt().world_time
+        self._head.halt()
 
     def _keep_alive(self) -> None:
         """The control lease is kept while pictures are waited for."""
