@@ -17,6 +17,7 @@ from handeye.server.control import SILENCE_LIMIT, Control
 from tests.server.conftest import asking
 from tests.server.rest import done, ended, problem
 from tests.server.toys import PARK
+from tests.server.waiting import until
 
 if TYPE_CHECKING:
     import httpx2
@@ -57,14 +58,6 @@ def take(http: TestClient, holder: str = "alice") -> dict[str, str]:
 
 def act(http: TestClient, lease: dict[str, str], action: str, **body: Any) -> httpx2.Response:
     return http.post(f"/v1/robot/actions/{action}", headers=lease, json=body or None)
-
-
-def until(condition: Any, timeout: float = 5.0) -> None:
-    """Waits for a condition."""
-    deadline = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < deadline, "it never came"
-        time.sleep(0.01)
 
 
 @contextmanager

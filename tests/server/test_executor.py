@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import threading
-import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,7 @@ from handeye.server.settings import ServerSettings
 from handeye.server.store import jobs as stored_jobs
 from handeye.server.training import TrainedTask
 from tests.server.running import FAR, UNTAUGHT, done, miss, run, train
+from tests.server.waiting import until
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -334,14 +334,9 @@ def test_while_it_waits_for_the_store_the_lease_is_kept_and_cancel_is_heard(
     job = lab.coordinator.run("grasp", "blue cup", one_look=False)
     assert writing.wait(10.0)
     before = lab.robot.beats
-    deadline = time.monotonic() + 5.0
-    while lab.robot.beats < before + 5 and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert lab.robot.beats >= before + 5
+    until(lambda: lab.robot.beats >= before + 5)
     job.cancel()
-    while lab.robot.commands[-1] != "stop" and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert lab.robot.commands[-1] == "stop"
+    until(lambda: lab.robot.commands[-1] == "stop")
     go_on.set()
     assert job.wait(5.0)
     assert job.view().state is JobState.CANCELLED
