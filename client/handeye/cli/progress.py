@@ -24,8 +24,8 @@ def progress(console: Console) -> Iterator[Progress]:
 
 
 @contextmanager
-def counted(console: Console, title: str, total: int) -> Iterator[Callable[[], None]]:
-    """One bar on `console`; what is given is called for each of `total` steps done."""
+def counted(console: Console, title: str, total: int, done: int = 0) -> Iterator[Callable[[], None]]:
+    """One bar on `console`; what is given is called for each of `total` steps done, some of them `done` before."""
     with progress(console) as bar:
-        task = bar.add_task(title, total=total)
+        task = bar.add_task(title, total=total, completed=min(done, total))
         yield lambda: bar.advance(task)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -27,8 +28,8 @@ NEARLY_CENTRED = 9
 """So many of them from the ends of fixations: there the map must be exact for saccades to converge."""
 POSTURES = {"AJS": 300, "CAS": 150, "IJS": 150}
 
-Progress = Callable[[str, int], AbstractContextManager[Callable[[], None]]]
-"""Shows a bar with a title and a total; what it gives is called for each step done."""
+Progress = Callable[[str, int, int], AbstractContextManager[Callable[[], None]]]
+"""Shows a bar with a title, a total and what of it was done before; what it gives is called for each step done."""
 
 
 def collect_in(state_dir: Path | None, modules: Sequence[Module], seed: int) -> None:
@@ -37,7 +38,7 @@ def collect_in(state_dir: Path | None, modules: Sequence[Module], seed: int) -> 
     with joined(state_dir) as (_robot, lab, client):
         for module in modules:
             before = _taught(client, module).samples
-            rejected = collect(module, lab, client, seed, lambda title, total: counted(console, title, total))
+            rejected = collect(module, lab, client, seed, partial(counted, console))
             samples = _taught(client, module).samples
             told = ", ".join(f"{count} {reason}" for reason, count in rejected.items()) or "none"
             console.print(f"{module}: {samples - before} samples more, {samples} in all. Rejected: {told}.")
@@ -52,17 +53,14 @@ def collect(module: Module, lab: LabClient, client: Client, seed: int, progress:
     done = _taught(client, module).demonstrations
     if module == "CSS":
         views = volume_views(np.random.default_rng(seed))
-        with progress("CSS: showing grids", len(views)) as advance:
-            _catch_up(advance, min(done, len(views)))
+        with progress("CSS: showing grids", len(views), done) as advance:
             return experimenter.show_grid(views[done:], advance)
     if module == "SCS":
         experimenter.register_ball()
-        with progress("SCS: fixating the ball", FIXATIONS) as advance:
-            _catch_up(advance, min(done, FIXATIONS))
+        with progress("SCS: fixating the ball", FIXATIONS, done) as advance:
             return experimenter.show_ball(FIXATIONS, NEARLY_CENTRED, advance, done)
     lab.reset(seed)
-    with progress(f"{module}: babbling", POSTURES[module]) as advance:
-        _catch_up(advance, min(done, POSTURES[module]))
+    with progress(f"{module}: babbling", POSTURES[module], done) as advance:
         job = client.collect_postures(
             [module],
             postures=POSTURES[module],
@@ -89,9 +87,3 @@ def _taught(client: Client, module: Module) -> _Taught:
             raise
         return _Taught()
     return _Taught(info.samples, info.demonstrations)
-
-
-def _catch_up(advance: Callable[[], None], done: int) -> None:
-    """A bar goes on where it ended."""
-    for _ in range(done):
-        advance()

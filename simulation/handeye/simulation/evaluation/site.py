@@ -37,9 +37,9 @@ class Site:
     console: Console
     stack: Stack
 
-    def progress(self, title: str, total: int) -> AbstractContextManager[Callable[[], None]]:
-        """A bar; what is given is called for each step done."""
-        return counted(self.console, title, total)
+    def progress(self, title: str, total: int, done: int = 0) -> AbstractContextManager[Callable[[], None]]:
+        """A bar; what is given is called for each step done, some of them `done` before."""
+        return counted(self.console, title, total, done)
 
     def teach(self, lesson: str, demonstrations: int, seed: int) -> None:
         """Shows a lesson and trains it: in a process of its own, for its teacher uses truth."""
